@@ -1,6 +1,7 @@
-"""The web application of the editor: pages of machines, a socket for each window, an overview.
+"""The web application of the editor: a page for each machine, and an overview of an arrangement.
 
-The machines of an arrangement file that are open for editing, and the overview of them.
+To draw the overview is to load all machines, whose code may fail or hang: each is loaded in a
+process of its own, and only when the page asks for it.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from urllib.parse import quote
@@ -20,12 +22,12 @@ from starlette.websockets import WebSocket
 
 from llfsm.bridges.edit.edit_session import EditSession, decode_request
 from llfsm.bridges.edit.message_types import offered
-from llfsm.bridges.view import access as page_files
 from llfsm.bridges.view.access import (
     ASSETS,
     AccessMiddleware,
     PageFiles,
     guarded_app,
+    is_open,
     json_response,
 )
 from llfsm.bridges.view.frames import plain_diagram
@@ -33,7 +35,7 @@ from llfsm.bridges.view.page_requests import serve_page
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.converting.class_process import read_links
 from llfsm.runtime.drawing import MachineLinks, overview
-from llfsm.runtime.editing.document import Document
+from llfsm.runtime.editing import Document
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.plans import PlannedMachine
 
@@ -56,7 +58,7 @@ class OpenedPlan(NamedTuple):
 
 
 def overview_data(plan: OpenedPlan) -> dict[str, Any]:
-    """Return the overview as the page draws it, and by machine why it cannot be loaded.
+    """Draw the overview as plain data; add a problem for each machine that cannot be loaded.
 
     Each machine is loaded, as its text is now, in a process of its own.
     """
@@ -94,7 +96,7 @@ def make_edit_app(
     source: PageSource | None = None,
     control: bool = False,
 ) -> AccessMiddleware:
-    """Return the application that edits a document, or each of a plan's, behind its access control.
+    """Make the application that edits a document, or each of a plan's, behind its access control.
 
     The machines of the same names are watched on the board of `source`, and with `control` also
     reloaded there.
@@ -116,18 +118,13 @@ def make_edit_app(
         end=pages.end,
         host=host,
         token=token,
-        is_open=_is_open,
+        is_open=partial(is_open, pages=_MACHINES),
         styles=styles,
     )
 
 
-def _is_open(path: str) -> bool:
-    """Return whether a path is that of a page, the same for all machines, or one of its files."""
-    return page_files.is_open(path) or (path.startswith(_MACHINES) and path.endswith("/"))
-
-
 class _MachinePages:
-    """The pages of machines by their names; `shared` is what each is sent about all.
+    """The pages of machines by their names; `shared` are facts that each window is sent.
 
     In place of a document may be the reason why there is none.
     """
@@ -174,7 +171,7 @@ class _MachinePages:
         return json_response(self._shared | {"title": title, "path": path})
 
     async def _offered(self, _: HttpRequest) -> Response:
-        """Return what machines can include: it is looked for when it is asked for."""
+        """Send the types that machines can include, which are searched at this moment."""
         return json_response(await run_in_threadpool(offered, self._source))
 
     async def _live(self, socket: WebSocket) -> None:

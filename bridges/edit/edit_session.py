@@ -1,10 +1,18 @@
-"""One open bundle, for all windows that show it: what they ask, and what each must be sent."""
+"""One open document, for all windows that show it: their requests, and the frames for each.
+
+All that windows show is one dictionary, published as a whole. A window remembers the last one that
+it was sent, and its next frame has the members that differ, of drawings and texts only the entries
+that do. An edit is shown before it is written, checked once no more come, and drawn again from the
+files if it is refused. One lock is held by whoever reads or changes the document, as other programs
+change its files, too.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 from contextlib import suppress
+from functools import partial
 from typing import Any, TypeAlias
 
 import msgspec
@@ -13,9 +21,9 @@ from starlette.concurrency import run_in_threadpool
 from llfsm.bridges.edit.machine_page import findings_data, live_data, machine_data
 from llfsm.bridges.edit.simulation import Simulating, SimulationRequest
 from llfsm.bridges.view.errors import RequestError
-from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, perform
+from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, decode, perform
 from llfsm.bridges.view.page_source import PageSource
-from llfsm.runtime.editing.document import Document, Edit
+from llfsm.runtime.editing import Document, Edit
 from llfsm.runtime.editing.text_edits import Include, SetText
 from llfsm.runtime.engine.errors import FsmError
 
@@ -65,17 +73,12 @@ _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(
     ChangeRequest | ReloadMachine | SimulationRequest | FrameShown
 )
 
-
-def decode_request(text: str) -> Any:
-    """Return a request of a page, or raise `RequestError`."""
-    try:
-        return _decoder.decode(text)
-    except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
-        raise RequestError(f"invalid request: {error}") from error
+decode_request = partial(decode, decoder=_decoder)
+"""Decode a request of a window; raise `RequestError`."""
 
 
 class EditSession:
-    """A document, and what its windows show; made in the event loop that serves them."""
+    """A document and the data of its windows; made in the event loop that serves them."""
 
     def __init__(
         self,
@@ -118,7 +121,7 @@ class EditSession:
             await self._simulating.end()
 
     async def perform(self, request: ChangeRequest | ReloadMachine | SimulationRequest) -> str:
-        """Carry out a request and return what was done, or raise `RequestError`."""
+        """Carry out a request and return a text that confirms it; raise `RequestError`."""
         if isinstance(request, ReloadMachine):
             if self._source is None:
                 raise RequestError("no live machine is watched; start the page with --board")
@@ -151,7 +154,7 @@ class EditSession:
         return f"done again: {_files(document.redo(show))}"
 
     async def _look(self) -> None:
-        """See what other programs change."""
+        """Look again and again for changes by other programs."""
         while True:
             await asyncio.sleep(_LOOK_S)
             async with self._turn:
@@ -200,7 +203,7 @@ class EditSession:
         await self._publish(await run_in_threadpool(self._machine))
 
     def _machine(self) -> dict[str, Any]:
-        """Return the machine as it is now; what cannot be read any more keeps its last drawing."""
+        """Describe the machine as it is now; if it cannot be read, its last drawing stays."""
         try:
             return machine_data(self._document) | {"trouble": ""}
         except FsmError as error:
@@ -243,7 +246,7 @@ class Window:
 
 
 def _difference(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries that are new or other than before; null for those that are gone."""
+    """Return the entries that are new or other than before; None for those that are gone."""
     gone = dict.fromkeys(old.keys() - new.keys())
     return gone | {key: value for key, value in new.items() if old.get(key) != value}
 

@@ -1,8 +1,8 @@
-"""What the page of the editor shows of a bundle, as plain data in parts that change apart."""
+"""A document as plain data for the editor's page, in parts that change independently."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Any, cast
 
@@ -10,7 +10,7 @@ from llfsm.bridges.edit.message_types import ros_class
 from llfsm.bridges.view.frames import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
-from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
+from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, Fragment
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import class_fields, message_fields
 from llfsm.runtime.editing.document import Document
@@ -24,7 +24,7 @@ from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
 
 
 def machine_data(document: Document) -> dict[str, Any]:
-    """Return the machine of a document; raise `BundleError` if it cannot be read.
+    """Describe the machine of a document; raise `BundleError` if it cannot be read.
 
     `boxes`, `edges` and `texts` have keys, by which only what has changed is sent.
     """
@@ -32,6 +32,7 @@ def machine_data(document: Document) -> dict[str, Any]:
     dead = _dead(bundle)
     drawn = plain_diagram(sketch(bundle))
     layout = bundle.layout.states if bundle.layout else {}
+    texts = bundle.texts()
     return {
         "name": bundle.name,
         "language": bundle.language,
@@ -45,7 +46,7 @@ def machine_data(document: Document) -> dict[str, Any]:
         "start": drawn["start"],
         "boxes": {box["state"]: box for box in drawn["boxes"]},
         "edges": {f"{edge['source']}:{edge['number']}": edge for edge in drawn["edges"]},
-        "texts": {place: [_name(text), text.text] for place, text in _texts(bundle)},
+        "texts": {f"{state}|{part}": [_name(text), text.text] for state, part, text in texts},
         "unreachable": _unreachable(bundle, set(dead)),
         "dead": dead,
         "undo": document.can_undo,
@@ -54,7 +55,7 @@ def machine_data(document: Document) -> dict[str, Any]:
 
 
 def findings_data(document: Document) -> dict[str, Any]:
-    """Return what `llfsm check` finds in the texts, and what code can use: names and fields.
+    """Check the texts as `llfsm check` does; add the names and fields that code can use.
 
     `fields` are those of the messages that names hold, `classes` those of message classes.
     """
@@ -69,7 +70,7 @@ def findings_data(document: Document) -> dict[str, Any]:
 
 
 def live_data(source: PageSource, name: str) -> dict[str, Any]:
-    """Return where the machine of a name stands on a board; without a state if none is live."""
+    """Return state and condition of the machine of a name on a board; no state if none is live."""
     snapshot = source.snapshot()
     sample = snapshot.samples.get(MACHINES + name)
     live: dict[str, Any] = {"board": source.title, "state": None, "condition": "ended"}
@@ -96,35 +97,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _texts(bundle: Bundle) -> Iterator[tuple[str, Fragment]]:
-    """Give the texts by their places: STATE|PART, with the number of a transition as part."""
-    yield from _declarations("", bundle)
-    for state in bundle.states:
-        yield from _declarations(state.name, state)
-        for part, text in state.sections.items():
-            yield f"{state.name}|{part}", text
-        for number, transition in enumerate(state.transitions):
-            if transition.expression is not None:
-                yield f"{state.name}|{number}", transition.expression
-
-
-def _declarations(name: str, source: Bundle | BundleState) -> Iterator[tuple[str, Fragment]]:
-    parts = (
-        ("Includes", source.includes),
-        ("Variables", source.variables),
-        ("Methods", source.methods),
-    )
-    for part, text in parts:
-        if text is not None:
-            yield f"{name}|{part}", text
-
-
 def _name(text: Fragment) -> str:
     return "" if text.file is None else text.file.name
 
 
 def _unreachable(bundle: Bundle, dead: Collection[str]) -> list[str]:
-    """Return the states to which no transitions lead that can fire."""
+    """Find the states to which no transitions lead that can fire."""
     first = bundle.states[0].name
     targets = {
         state.name: [
@@ -139,7 +117,7 @@ def _unreachable(bundle: Bundle, dead: Collection[str]) -> list[str]:
 
 
 def _dead(bundle: Bundle) -> list[str]:
-    """Return the transitions that can never fire: by their condition, or one before them."""
+    """Find the transitions that can never fire, by their condition or one before them."""
     dead = []
     for state in bundle.states:
         truths = [_truth(each.expression, bundle.language) for each in state.transitions]
@@ -151,7 +129,7 @@ def _dead(bundle: Bundle) -> list[str]:
 
 
 def _truth(expression: Fragment | None, language: str) -> bool | None:
-    """Return what a condition always is, as far as its text alone shows it."""
+    """Return the constant value of a condition; None if its text alone does not show one."""
     if expression is None or expression.text.strip() == "true":
         return True
     return _python_truth(expression.text) if language in (PYTHON, CLASS) else None

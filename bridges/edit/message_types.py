@@ -1,6 +1,8 @@
-"""What the page offers to include: message types that ship, those of ROS, and those of a board.
+"""The types that the page offers to include: those that ship, those of ROS, those of a board.
 
-The text of a message class that has a given schema, as a slot of a board carries it.
+Of a type of a board only the schema is known, which its slots carry; a class with the same schema
+is written from it. A schema comes from another process, so it is data: its names are checked, and a
+pattern in it is never run.
 """
 
 from __future__ import annotations
@@ -25,12 +27,12 @@ _ORDER = ("typing", "msgspec", "llfsm.whiteboard")
 
 
 def class_name(type_name: str) -> str:
-    """Return the name of the class of a type: the last part of ``geometry_msgs/msg/Twist``."""
+    """Return the class name of a type: the last part of ``geometry_msgs/msg/Twist``."""
     return type_name.rpartition("/")[2]
 
 
 def message_class_text(schema: Schema) -> str:
-    """Return the imports and classes of a message type; raise `ValueError` if there is no text.
+    """Write the imports and classes of a message type; raise `ValueError` if that is impossible.
 
     A field has a default where 0, or nothing, is one of its values.
     """
@@ -67,7 +69,7 @@ class _Classes:
         return name
 
     def annotation(self, schema: Schema) -> str:
-        """Return the type of a field."""
+        """Write the type of a field, with its limits."""
         if "enum" in schema:
             return f"{self._use('typing', 'Literal')}[{', '.join(map(_value, schema['enum']))}]"
         if "anyOf" in schema:
@@ -136,7 +138,7 @@ def _default(schema: Schema) -> str | None:
 
 
 def _allows_zero(schema: Schema) -> bool:
-    """Return whether 0, or an empty text or array, is within the limits."""
+    """Check that 0, or an empty text or array, is within the limits."""
     least = max(schema.get(key, 0) for key in ("minimum", "minLength", "minItems"))
     beside = schema.get("exclusiveMinimum", -1), schema.get("exclusiveMaximum", 1)
     return bool(least <= 0 <= schema.get("maximum", 0) and beside[0] < 0 < beside[1])
@@ -151,7 +153,7 @@ def _fields(schema: Schema) -> list[tuple[str, Schema]]:
 
 
 def _identifier(name: str) -> str:
-    """Return a name, or raise `ValueError` if Python has none like it."""
+    """Return a name; raise `ValueError` if it cannot be one in Python."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"{name!r} cannot be a name in Python")
     return name
@@ -164,7 +166,7 @@ _BASE: Final = {
 
 
 def offered(source: PageSource | None) -> dict[str, Any]:
-    """Return the types, each with the `text` that includes it, and the types of a board's slots.
+    """List the types, each with the `text` that includes it, and the types of a board's slots.
 
     A type's class has a `name` that another one's may have, too; in `text`, NAME stands for it.
     """

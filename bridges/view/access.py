@@ -1,23 +1,17 @@
-"""Access control: checks on every request before the application sees it.
+"""The server of a page: access control in front of the application, short connections, files.
 
-Any web site that this user has open can send requests to an address of this host. Therefore:
+Any web site that this user has open can send requests to an address of this host, and any user of
+this host can connect. Therefore every request is checked before the application sees it:
 
 * A request's Host must be a name of this host, or an IP address; any other name that resolves to
   this host (DNS rebinding) is refused.
 * The Origin of a WebSocket, and of any other request that has one, must be that host.
 * Everything but the page's own files requires the token, as a whiteboard's file is private to its
-  user, and any user of this host can connect to an address of it.
+  user.
 
-The headers of every response forbid the page to load or run anything from elsewhere.
-
-Connections: how many there are, and for how long, before they are the streams of pages.
-
-Any user of this host can connect, and needs no token to be silent. Only a WebSocket may stay, which
-needs the token.
-
-A web application behind its access control, from its routes.
-
-The files of a page, read once; no other file is ever served.
+To connect and be silent needs no token, so connections are few and live for seconds. Only a
+WebSocket may stay, which needs the token. The headers of every response forbid the page to load or
+run anything from elsewhere. The files of a page are read once; no other file is ever served.
 """
 
 from __future__ import annotations
@@ -26,6 +20,7 @@ import asyncio
 import errno
 import ipaddress
 import logging
+import re
 import secrets
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -61,8 +56,8 @@ _HEADERS = {
 class AccessMiddleware:
     """Refuse requests that must not be served; pass on the others.
 
-    `host` is the name or address that the server listens on; `is_open` returns whether a path needs
-    no token. Styles that a script of the page adds need the nonce `styles`, if that is not empty.
+    `host` is the name or address that the server listens on; `is_open` is asked if a path needs no
+    token. Styles that a script of the page adds need the nonce `styles`, if that is not empty.
     """
 
     def __init__(
@@ -141,7 +136,7 @@ _log = logging.getLogger(__name__)
 
 
 def configured(app: ASGIApp) -> Config:
-    """Return the configuration of a server for the page."""
+    """Configure a server for a page's application."""
     return Config(
         app,
         log_config=None,
@@ -210,9 +205,10 @@ def guarded_app(
     begin: Callable[[], None] = lambda: None,
     styles: str = "",
 ) -> AccessMiddleware:
-    """Return the application; `begin` and `end` are called in its loop, before and after it serves.
+    """Make an application of its routes, behind its access control.
 
-    The rest is as for :class:`.AccessMiddleware`.
+    `begin` and `end` are called in its loop, before and after it serves. The rest is as for
+    :class:`.AccessMiddleware`.
     """
 
     @asynccontextmanager
@@ -237,8 +233,14 @@ _TYPES: Final = {
 }
 
 
+_PART: Final = re.compile(rb"<!--(\w+\.html)-->")
+
+
 class PageFiles:
-    """The files of some folders, by their names; of two with one name, that of the later folder."""
+    """The files of some folders, by their names; of two with one name, that of the later folder.
+
+    In a page, a comment such as ``<!--head.html-->`` stands for what all pages have of it.
+    """
 
     def __init__(self, *folders: Path):
         self._files = {
@@ -247,6 +249,9 @@ class PageFiles:
             for path in folder.iterdir()
             if path.suffix in _TYPES
         }
+        for name, data in self._files.items():
+            if name.endswith(".html"):
+                self._files[name] = _PART.sub(lambda part: self._files[part[1].decode()], data)
 
     async def respond(self, request: Request) -> Response:
         """Return the file that a request names, by default the page itself."""
@@ -259,11 +264,15 @@ class PageFiles:
         return Response(self._files[name], media_type=_TYPES[Path(name).suffix])
 
 
-def is_open(path: str) -> bool:
-    """Return whether a path is one of a page's own files, which are not secret."""
-    return path == "/" or path.startswith("/assets/")
+def is_open(path: str, pages: str = "") -> bool:
+    """Check that a path is not secret: a file of a page, or a page itself.
+
+    One page is at "/"; with `pages`, another is at every path that begins so and ends in "/".
+    """
+    is_page = bool(pages) and path.startswith(pages) and path.endswith("/")
+    return is_page or path == "/" or path.startswith("/assets/")
 
 
 def json_response(content: Any, status: int = 200) -> Response:
-    """Return something as JSON."""
+    """Make a response of any value, as JSON."""
     return Response(msgspec.json.encode(content), status, media_type="application/json")

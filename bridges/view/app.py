@@ -1,10 +1,9 @@
-"""The web application of one source: the page's files, its stream of frames, and its requests.
+"""The web application that shows one source: its page, a stream of frames, its requests and log.
 
-The event log of the page: what machines did and what happened to them, the newest first.
-
-Snapshots of what pages show, taken once for all pages.
-
-The page of one source: its stream of frames, and its requests.
+One `Broadcaster` takes snapshots for all windows, up to thirty a second and only while one is open.
+At most a fifth of the time goes into them: a page must not slow the machines of its host. Each
+window makes its own frames of the newest snapshot when it has room for one, so a slow window misses
+snapshots, delays no other, and nothing is queued for it.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ _LOOKED_AT: Final = 50  # events for each one that is asked for: a page must not
 
 
 class LogPage(NamedTuple):
-    """The newest events, and whether these are all."""
+    """The newest events; `complete` if there are no older ones."""
 
     events: list[Note]
     complete: bool
@@ -59,9 +58,10 @@ def log_page(
     until_ns: int | None = None,
     most: int = 200,
 ) -> LogPage:
-    """Return up to `most` events until a time that have all the words, the newest first.
+    """Search the log for up to `most` events that have all the words, the newest first.
 
-    The labels of transitions are in the definitions among the samples.
+    `until_ns` is the latest time, on the clock of the stamps; None for no end. The labels of
+    transitions are in the definitions among the samples.
     """
     wanted = words.lower().split()
     ways = [_changes(name, each, samples, until_ns) for name, each in history.items()]
@@ -88,7 +88,7 @@ def _changes(
     samples: Mapping[str, Sample[Any]],
     until_ns: int | None,
 ) -> Iterator[Note]:
-    """Return a machine's changes as events, the latest first."""
+    """Give a machine's changes as events, the latest first."""
     sample = samples.get(DEFINITIONS + machine)
     definition = None if sample is None else sample.message
     labels = {}
@@ -131,9 +131,9 @@ _BEAT_S = 0.5  # between frames to an idle page, by which it notices a server th
 
 
 class Broadcaster(Generic[T]):
-    """Call `take` for a snapshot each `period_s` seconds, while any page is open.
+    """Call `take` for a snapshot each `period_s` seconds, while any window is open.
 
-    When the last page is closed, `left` is called.
+    When the last window is closed, `left` is called.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Broadcaster(Generic[T]):
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Broadcaster[T]:
-        """Add a page; the first one starts the snapshots."""
+        """Add a window; the first one starts the snapshots."""
         self._pages += 1
         if self._task is None:
             self._task = asyncio.create_task(self._run())
@@ -193,10 +193,10 @@ class Broadcaster(Generic[T]):
 def frames(
     broadcaster: Broadcaster[T], encode: Callable[[T, bool], bytes | None]
 ) -> Callable[[], Awaitable[bytes]]:
-    """Return what waits for the next frame of one page.
+    """Return a function that waits for the next frame of one window.
 
-    `encode` makes it of a snapshot and whether a beat is due; without one, it returns None if
-    nothing has changed.
+    `encode` takes a snapshot, and if a beat is due. Without one, it returns None if nothing has
+    changed.
     """
     serial, sent_s = 0, 0.0
 
@@ -217,7 +217,7 @@ _LOOK_S, _LOOKS = 0.02, 25  # until another request is obeyed
 
 
 class SourcePage:
-    """Answers the requests of all windows that show one source.
+    """Answer the requests of all windows that show one source.
 
     When the last window is closed, `left` is called.
     """
@@ -242,11 +242,11 @@ class SourcePage:
         }
 
     async def about(self, _: HttpRequest) -> Response:
-        """Return the same to a window."""
+        """Send the facts to a window."""
         return json_response(self.facts())
 
     async def diagram(self, request: HttpRequest) -> Response:
-        """Return the diagram of a machine."""
+        """Send the diagram of a machine, or why there is none."""
         name = request.query_params.get("machine", "")
         sections = request.query_params.get("sections", "auto")
         latest: Snapshot | None = self._broadcaster.snapshot
@@ -261,7 +261,7 @@ class SourcePage:
         return json_response(drawn)
 
     async def log(self, request: HttpRequest) -> Response:
-        """Return events, the latest first."""
+        """Send events of the log, the latest first."""
         asked, source = request.query_params, self.source
         try:
             most = int(asked.get("most", "200"))
@@ -305,7 +305,10 @@ class SourcePage:
 
 
 def make_app(source: PageSource, *, host: str, token: str, control: bool) -> AccessMiddleware:
-    """Return the application that shows `source`, behind its access control."""
+    """Make the application that shows `source`, behind its access control.
+
+    `host` is the name or address to listen on. Without `control` the page only shows.
+    """
     files, page = PageFiles(ASSETS), SourcePage(source, control=control)
     routes = [
         Route("/", files.respond),

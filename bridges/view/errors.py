@@ -1,18 +1,7 @@
-"""The errors of the page.
-
-::
-
-    LlfsmError
-    └── ViewError
-        └── RequestError    a request of a page cannot be met
-"""
+"""The error of pages: a request that cannot be met."""
 
 from llfsm.errors import LlfsmError
 
 
-class ViewError(LlfsmError):
-    """The base of the errors of showing a whiteboard."""
-
-
-class RequestError(ViewError):
+class RequestError(LlfsmError):
     """A request of a page cannot be met; the page shows the message."""

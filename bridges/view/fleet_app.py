@@ -1,8 +1,7 @@
 """The web application of a fleet: a page with all hosts, and a page for each that is looked at.
 
-Nothing is read of a host but its summary, except while its own page is open.
-
-The hosts of a fleet as the source of a page.
+Nothing is read of a host but its summary, except while its own page is open: slots of other hosts
+cross the network only where somebody reads them.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -18,12 +18,12 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from llfsm.bridges.view import access as page_files
 from llfsm.bridges.view.access import (
     ASSETS,
     AccessMiddleware,
     PageFiles,
     guarded_app,
+    is_open,
     json_response,
 )
 from llfsm.bridges.view.app import Broadcaster, SourcePage, frames
@@ -46,7 +46,7 @@ class FleetSnapshot(NamedTuple):
 
 
 class FleetSource:
-    """Reads the hosts of the fleet from the board of a name while it is asked for snapshots."""
+    """Read the hosts of the fleet from the board of a name, while snapshots are taken of it."""
 
     def __init__(self, name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
         self.title = f"{name}, fleet"
@@ -131,7 +131,7 @@ def make_fleet_app(
     token: str,
     control: bool,
 ) -> AccessMiddleware:
-    """Return the application that shows the hosts of the board `name`, behind its access control.
+    """Make the application that shows the hosts of the board `name`, behind its access control.
 
     With `control`, the hosts' own pages control their machines.
     """
@@ -169,12 +169,8 @@ def make_fleet_app(
         Route(f"{_HOSTS}{{host}}/log", hosts.log),
         WebSocketRoute(f"{_HOSTS}{{host}}/live", hosts.live),
     ]
-    return guarded_app(routes, end=end, host=host, token=token, is_open=_is_open)
-
-
-def _is_open(path: str) -> bool:
-    """Return whether a path is that of a page, the same for all hosts, or one of its files."""
-    return page_files.is_open(path) or (path.startswith(_HOSTS) and path.endswith("/"))
+    opens = partial(is_open, pages=_HOSTS)
+    return guarded_app(routes, end=end, host=host, token=token, is_open=opens)
 
 
 async def _refuse(_: Any) -> str:
@@ -196,7 +192,7 @@ class _HostPages:
             page.source.close()
 
     async def about(self, request: HttpRequest) -> Response:
-        """Return what the page shows, and the address of the one that leads to it."""
+        """Send the facts of a host's page, and the address of the page with all hosts."""
         host = request.path_params["host"]
         try:
             require_host_name(host)
@@ -205,12 +201,12 @@ class _HostPages:
         return json_response({**self._page(host).facts(), "title": host, "back": "/"})
 
     async def diagram(self, request: HttpRequest) -> Response:
-        """Return the diagram of a machine."""
+        """Send the diagram of a machine, if the page of its host is open."""
         page = self._open.get(request.path_params["host"])
         return _not_open() if page is None else await page.diagram(request)
 
     async def log(self, request: HttpRequest) -> Response:
-        """Return events, the latest first."""
+        """Send events of the log, if the page of the host is open."""
         page = self._open.get(request.path_params["host"])
         return _not_open() if page is None else await page.log(request)
 

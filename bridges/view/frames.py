@@ -1,8 +1,7 @@
-"""The frames sent to one page: what has changed in a snapshot since the last frame.
+"""The data that a page draws: frames of what has changed since the last one, and diagrams.
 
-Nothing is queued: a slow page gets fewer frames, each from the newest snapshot.
-
-The diagram of a machine as plain data, from which the page draws it.
+A frame has whatever differs between the newest snapshot and all that was sent before, by count,
+identity or value. That needs no history of snapshots: a slow page gets fewer frames, each complete.
 """
 
 from __future__ import annotations
@@ -42,7 +41,9 @@ SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False
 def diagram_data(
     definition: MachineDefinition, title: str, sections: bool | None
 ) -> dict[str, Any]:
-    """Return what `llfsm draw` draws: boxes, curves and lines of text with their positions.
+    """Lay a machine out as `llfsm draw` does: boxes, curves and lines of text with their positions.
+
+    `sections` shows or hides the states' code; None decides it by the layout.
 
     Raise `RequestError` if the definition cannot be drawn.
     """
@@ -54,7 +55,7 @@ def diagram_data(
 
 
 def plain_diagram(diagram: Diagram) -> dict[str, Any]:
-    """Return a diagram as the page draws it; an overview has no start."""
+    """Convert a diagram to plain data, as the page draws it; an overview has no start."""
     return {
         "title": diagram.title,
         "frame": (diagram.left, diagram.top, diagram.width, diagram.height),
@@ -105,7 +106,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class TimedEncoder:
-    """Make frames with the time, in seconds since the page's first frame."""
+    """Make frames with the time, in seconds since a page's first frame."""
 
     def __init__(self) -> None:
         self._base_ns: int | None = None
@@ -249,12 +250,12 @@ class FrameEncoder(TimedEncoder):
         }
 
     def _ends(self, sample: Sample[MachineStatus]) -> float | None:
-        """Return when a pause ends that nobody renews."""
+        """Return the page's time at which a pause ends unless renewed; None without a pause."""
         left_s = sample.message.paused_left_s
         return None if left_s is None else round(self._seconds(sample.stamp_ns) + left_s, 1)
 
     def _contested(self, snapshot: Snapshot) -> list[str]:
-        """Return sentences about slots that several machines command that are published."""
+        """Return a sentence for each slot that several live machines command."""
         messages = [sample.message for sample in snapshot.samples.values()]
         claims = [each for each in messages if isinstance(each, Commanders)]
         if not any(is_contested(each.commanders) for each in claims):

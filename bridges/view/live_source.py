@@ -1,8 +1,8 @@
-"""A live board as a page's source.
+"""A live board as a page's source, with the states in which each machine was seen.
 
-The board of a name, which may be made later, removed, and made again.
-
-The states in which each machine was seen, for the timelines.
+The board of a name may be made later, removed, and made again. A machine publishes its status, not
+each change, so a state that lasted less than a snapshot's period can be missed; the next change
+then says that states were skipped. Between two snapshots that are far apart, states are unknown.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OPEN_NS = 300_000_000  # between two attempts to open a board that is not there
 
 
 class ReopenedBoard:
-    """Opens the board of a name as often as that is made, or gives `given`.
+    """Open the board of a name as often as that is made, or use `given`.
 
     That one is of this process, and its owner closes it.
     """
@@ -111,7 +111,7 @@ class Track:
         self.changes.append(change._replace(stamp_ns=max(change.stamp_ns, before_ns + 1)))
 
     def lose(self, now_ns: int) -> None:
-        """Add that the machine has ended, or that its state is unknown."""
+        """Note that the machine has ended, or that its state is unknown."""
         self._entered_ns = 0
         if self.changes and self.changes[-1].state:
             self.add(Change(now_ns, "", False))
@@ -212,7 +212,7 @@ class LiveSource(PageSource):
         return Snapshot(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
-        """Return whether a machine is loaded by a process that lives."""
+        """Check that a machine is loaded by a process that is alive now."""
         return is_live(sample)
 
     def history(self) -> Mapping[str, Sequence[Change]]:
@@ -220,7 +220,7 @@ class LiveSource(PageSource):
         return self._history.changes
 
     def notes(self) -> Sequence[Note]:
-        """Return what else was seen to happen to machines."""
+        """Return the notes on machines, by time."""
         return self._notes.all
 
     def board(self) -> Board | None:

@@ -1,6 +1,7 @@
-"""The requests of a page: control a machine, post a message, move in a recording.
+"""The socket of a window: frames as fast as it shows them, and answers to its requests.
 
-The socket of a page: frames as fast as it shows them, and answers to its requests.
+Backpressure: a window confirms each frame that it has shown, and no more than two are under way.
+A request controls a machine, posts a message, or moves in a recording; its answer has its number.
 """
 
 from __future__ import annotations
@@ -65,17 +66,16 @@ PageRequest = MachineCommand | PostMessage | Seek | Play | FrameShown
 _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(PageRequest)
 
 
-def decode(text: str) -> PageRequest:
-    """Return a request of a page, or raise `RequestError`."""
+def decode(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any:
+    """Decode a request of a page, by default a `PageRequest`; raise `RequestError`."""
     try:
-        request: PageRequest = _decoder.decode(text)
+        return decoder.decode(text)
     except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
         raise RequestError(f"invalid request: {error}") from error
-    return request
 
 
 def is_early(request: PageRequest, source: PageSource) -> bool:
-    """Return whether a request would replace another one, which its machine is to obey first."""
+    """Check if a request would replace an earlier one that its machine has not obeyed yet."""
     board = source.board()
     if board is None or not isinstance(request, MachineCommand):
         return False
@@ -87,7 +87,10 @@ def is_early(request: PageRequest, source: PageSource) -> bool:
 def perform(
     request: MachineCommand | PostMessage | Seek | Play, source: PageSource, *, control: bool
 ) -> str:
-    """Carry out a request and return a text that confirms it, or raise `RequestError`."""
+    """Carry out a request and return a text that confirms it; raise `RequestError`.
+
+    Without `control`, only moves in a recording are carried out.
+    """
     if isinstance(request, Seek | Play):
         return _move(request, source)
     board = source.board()
@@ -140,7 +143,7 @@ async def serve_page(
     decode: Callable[[str], Any],
     perform: Callable[[Any], Awaitable[str]],
 ) -> None:
-    """Send a page every frame that it has time for, and carry out its requests, until it closes.
+    """Send a window every frame that it has time for, and carry out its requests, until it closes.
 
     `decode` and `perform` raise `RequestError`, whose text is the answer.
     """

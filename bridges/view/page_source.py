@@ -2,12 +2,8 @@
 
 The server takes a snapshot up to thirty times a second while any page is open, and sends each page
 what has changed since its last frame. A source therefore has no events and no queue: it returns the
-state of everything at one moment.
-
-What happens to machines but for their states: requests, failures, pauses and overrides.
-
-It is taken from statuses and requests as they are published, of a live board or a recording. Of
-what changes between two of them, only the last is known.
+state of everything at one moment. `Notes` derives events from successive statuses and requests; of
+several changes between two of them, only the last is known.
 """
 
 from __future__ import annotations
@@ -39,7 +35,7 @@ class Note(NamedTuple):
 
 
 class Notes:
-    """Collect what happens to machines; the oldest notes are dropped."""
+    """Collect requests to machines, failures, pauses and overrides; the oldest are dropped."""
 
     def __init__(self) -> None:
         self.all: list[Note] = []
@@ -149,7 +145,7 @@ class Player(ABC):
 
 
 class PageSource(ABC):
-    """What a page shows. All methods are called from one thread, and none blocks."""
+    """The data of a page. All methods are called from one thread, and none blocks."""
 
     title: str
     """The page's heading: the name of a board or a file."""
@@ -162,7 +158,7 @@ class PageSource(ABC):
 
     @abstractmethod
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
-        """Return whether a machine was loaded by a live process at the latest snapshot."""
+        """Check that a machine was loaded by a live process at the latest snapshot."""
 
     @abstractmethod
     def history(self) -> Mapping[str, Sequence[Change]]:
@@ -174,7 +170,7 @@ class PageSource(ABC):
 
     @abstractmethod
     def notes(self) -> Sequence[Note]:
-        """Return what else has happened to machines, as far as `history` is known, by time."""
+        """Return the notes on machines, as far as `history` is known, by time."""
 
     def board(self) -> Board | None:
         """Return the board on which machines and slots are controlled, or None."""

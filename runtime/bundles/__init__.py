@@ -1,8 +1,8 @@
 """Machines as `.machine` folders, the format of clfsm's tools: read, run, write, import them.
 
-Read in this order: `model` (the contents of a bundle), `read` with `cpp` and `plist` (reading it),
-`names`, `code`, `scope` and `compiling` (how a Python bundle runs), `outline` (how any bundle is
-drawn), `write`, then `expressions` and `importing` (how a C++ bundle becomes a Python one).
+Read in this order: `model` (the contents of a bundle), `read` with `plist` (reading it), `names`,
+`code` and `compiling` (how a Python bundle runs), `write`, then `cpp` (how a C++ bundle is read and
+becomes a Python one).
 """
 
 from llfsm.runtime.bundles.compiling import compile_bundle, load_bundle, outline, require_python

@@ -1,4 +1,8 @@
-"""Compile and run the texts of a bundle; errors name the file and the line."""
+"""Compile and run the texts of a bundle; errors name the file and the line.
+
+A bundle may come from anybody. A text so deep that Python's parser, or a walk over its tree, would
+run out of stack is refused with an error of its own.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ _TOO_DEEP = f"it is nested more than {_DEEPEST} deep, such as by a sum of as man
 
 
 def parse(fragment: Fragment) -> ast.Module:
-    """Return the syntax tree of statements. Raise `BundleError`."""
+    """Parse a text of statements; raise `BundleError`."""
     try:
         tree = ast.parse(fragment.text, fragment.source)
     except SyntaxError as error:
@@ -30,7 +34,7 @@ def parse(fragment: Fragment) -> ast.Module:
 
 
 def too_deep(tree: ast.AST) -> list[ast.AST]:
-    """Return the nodes so deep in a tree that whoever walks it by recursion does not get there."""
+    """Return the nodes that are too deep in a tree for a walk by recursion."""
     level = [tree]
     for _ in range(_DEEPEST):
         level = [child for node in level for child in ast.iter_child_nodes(node)]
@@ -38,7 +42,7 @@ def too_deep(tree: ast.AST) -> list[ast.AST]:
 
 
 def parse_expression(fragment: Fragment) -> ast.expr:
-    """Return the syntax tree of a text that is one expression."""
+    """Parse a text that must be one expression; raise `BundleError`."""
     tree = parse(Fragment(fragment.text.lstrip(" \t"), fragment.file))
     only = tree.body[0] if len(tree.body) == 1 else None
     if not isinstance(only, ast.Expr):
@@ -59,7 +63,7 @@ def label_of(fragment: Fragment) -> str:
 def function_of(
     name: str, body: list[ast.stmt], fragment: Fragment, module: dict[str, Any]
 ) -> Callable[[Any], Any]:
-    """Return the function of a machine with this body."""
+    """Make a function of a machine, its hidden parameter, with this body. Raise `BundleError`."""
     tree = ast.parse("def function(machine): ...")
     function = tree.body[0]
     assert isinstance(function, ast.FunctionDef)
@@ -77,13 +81,13 @@ def function_of(
 def run(
     tree: ast.Module, fragment: Fragment, module: dict[str, Any], made: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Run statements in `module`. Return the names that they define: `made`, or else `module`."""
+    """Run statements in `module`; return the names that they define: `made`, or else `module`."""
     _execute(tree, "exec", fragment, module, made)
     return module if made is None else made
 
 
 def evaluate(node: ast.expr, fragment: Fragment, module: dict[str, Any]) -> Any:
-    """Return the value of an expression in `module`."""
+    """Evaluate an expression in `module`; raise `BundleError` for what it raises."""
     return _execute(ast.Expression(node), "eval", fragment, module, None)
 
 

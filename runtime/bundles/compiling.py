@@ -1,8 +1,12 @@
 """Make a machine class from a Python bundle, equal to one written as a class statement.
 
-The names that a machine's code, or a state's, may use: the rules of what declares them.
+The includes run first, in a module of the bundle's own. Then the variables, ports and functions are
+declared, the machine's before those of its states, which hide them. Only then all names are known,
+and sections and guards are compiled with their names resolved (see `names`). A misspelt name is
+thus an error when the bundle is loaded, with file and line, and not when a robot first gets there.
+Conversion and `llfsm check` apply the same rules (`Scope`) without running anything.
 
-A table that can be drawn, made of the texts of a Python or C++ bundle without running them.
+`outline` needs none of this: it makes a table that can be drawn of the texts of any bundle.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ _RESERVED = {*dir(Machine), "table"}
 
 
 class Scope(ABC):
-    """What is known to a machine's code, or to that of one of its states.
+    """The names that a machine's code, or that of one of its states, can use.
 
     This holds the rules of what may be declared, and under which names. A subclass decides what a
     declaration does, and what to do when one is wrong. `prefix` stands before the names that a
@@ -63,7 +67,7 @@ class Scope(ABC):
         raise error
 
     def statements(self, fragment: Fragment) -> list[ast.stmt]:
-        """Return the statements of a text that declares."""
+        """Return the statements of a text that declares, without its docstring."""
         tree = parse(fragment)
         return tree.body[ast.get_docstring(tree, clean=False) is not None :]
 
@@ -131,7 +135,7 @@ class Scope(ABC):
         )
 
     def _is_free(self, name: str, fragment: Fragment, node: ast.stmt) -> bool:
-        """Return whether a declaration may use `name`, and would not hide it from its own code."""
+        """Check that a declaration may use `name`: that it would hide nothing from its own code."""
         before = self.names.get(name)
         if name in _RESERVED or name[:2] == "__":
             what = "would hide what every machine has; rename it"
@@ -161,7 +165,7 @@ class LoadedScope(Scope):
         self._values: dict[str, Any] = {}  # of the variables so far, which later ones may use
 
     def of_state(self, state: BundleState) -> Self:
-        """Return the scope of a state's code: what it declares hides what the machine does."""
+        """Make the scope of a state's code: its declarations hide those of the machine."""
         if not (state.includes or state.variables or state.methods):
             return self
         scope = type(self)(dict(self.module), within=self, prefix=f"{state.name}.")
@@ -170,7 +174,7 @@ class LoadedScope(Scope):
 
     @property
     def known(self) -> Known:
-        """What a name in the code can mean."""
+        """The meanings of all names in the code."""
         return Known(self.names, self.module)
 
     def include(self, fragment: Fragment) -> set[str]:
@@ -207,14 +211,14 @@ class LoadedScope(Scope):
         self.attributes[self.prefix + node.name] = made[node.name]
 
     def _resolved(self, node: ast.stmt, fragment: Fragment) -> dict[str, Any]:
-        """Return what a declaration may name, having checked that it names nothing else."""
+        """Return the values that a declaration may name; raise `BundleError` if it names others."""
         values = self.module | self._values
         resolve(node, fragment, Known(CONTROLS, values), running=False)
         return values
 
 
 def load_bundle(folder: str | Path) -> type[Machine]:
-    """Return the machine class that the Python bundle in `folder` describes.
+    """Load the Python bundle in `folder` as a machine class; its includes are run.
 
     Its `table.path` is the real path of the folder, its `table.layout` is read from
     ``Layout.plist``. Raise `BundleError`, with file and line, for text that cannot be read or
@@ -224,7 +228,7 @@ def load_bundle(folder: str | Path) -> type[Machine]:
 
 
 def compile_bundle(bundle: Bundle) -> type[Machine]:
-    """Return the machine class that `bundle` describes; raise as `load_bundle` does."""
+    """Make the machine class that `bundle` describes; raise as `load_bundle` does."""
     require_python(bundle)
     path = bundle.path
     module = ModuleType(path)
@@ -283,20 +287,32 @@ def _transition(state: State, target: State, fragment: Fragment, scope: LoadedSc
 
 
 def _split(expression: ast.expr) -> tuple[float | None, float | None, ast.expr | None]:
-    """Return the milliseconds or seconds that `expression` waits for first, and the rest of it."""
-    first, rest = expression, None
-    if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
-        first, *others = expression.values
+    """Split off the milliseconds, or seconds, that `expression` waits for first."""
+    found = first_wait(expression)
+    if found is None:
+        return None, None, expression
+    name, time, first = found
+    rest = None
+    if isinstance(expression, ast.BoolOp) and first is not expression:
+        _, *others = expression.values
         rest = others[0]
         if len(others) > 1:
             rest = ast.copy_location(ast.BoolOp(ast.And(), others), others[0])
             rest.end_lineno, rest.end_col_offset = expression.end_lineno, expression.end_col_offset
+    return (time, None, rest) if name == "after_ms" else (None, time, rest)
+
+
+def first_wait(expression: ast.expr) -> tuple[str, float, ast.expr] | None:
+    """Find the wait that an expression begins with: "after" or "after_ms", its time, its node."""
+    first = expression
+    if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
+        first = expression.values[0]
     match first:
-        case ast.Call(ast.Name("after_ms"), [ast.Constant(int() | float() as time)], []):
-            return time, None, rest
-        case ast.Call(ast.Name("after"), [ast.Constant(int() | float() as time)], []):
-            return None, time, rest
-    return None, None, expression
+        case ast.Call(
+            ast.Name("after_ms" | "after" as name), [ast.Constant(int() | float() as time)], []
+        ):
+            return name, time, first
+    return None
 
 
 def _extend_search(bundle: Bundle) -> None:
@@ -310,7 +326,7 @@ def _extend_search(bundle: Bundle) -> None:
 
 
 def outline(bundle: Bundle) -> Table:
-    """Return the states, transitions and layout of `bundle`, to be drawn but not run.
+    """Make a table of the states, transitions and layout of `bundle`, to be drawn but not run.
 
     Nothing is compiled or imported, so modules that the code needs may be missing. For a Python
     bundle, the states, labels, sections and layout equal those of the class that `compile_bundle`
@@ -338,6 +354,6 @@ def outline(bundle: Bundle) -> Table:
 
 
 def cpp_label(fragment: Fragment) -> str:
-    """Return a C++ expression on one line, without its comments."""
+    """Write a C++ expression on one line, without its comments."""
     lines = without_comments(fragment.text).split("\n")
     return " ".join(line.strip() for line in lines if line.strip()) or fragment.text.strip()

@@ -1,17 +1,14 @@
-"""Find the targets of transitions and the suspend state of a C++ bundle in its generated code.
+"""C++ bundles: read their generated code, and convert them to Python.
 
-Generators differ in white space. The newest one gives the targets where transitions are created
-instead of where their classes are declared.
+The targets of transitions and the suspend state are only in generated code. Generators differ in
+white space, and the newest one gives targets where transitions are created, not where their classes
+are declared.
 
-Translate C++ expressions to Python where both certainly mean the same, and refuse the others.
-
-Refused is what differs or cannot be decided from the bundle alone: integer division, unsigned
-arithmetic, pointers, macros, and all calls but those of clfsm's own predicates.
-
-Convert a C++ bundle to Python: what is certain is translated, the rest is marked.
-
-A mark is the name `UNTRANSLATED`; a bundle with a mark does not run, and the error gives its
-file and line. The C++ text is kept beside each mark, as comments.
+Conversion translates what is certain and marks the rest: a robot must never run a guess. An
+expression is translated where C++ and Python certainly mean the same. Refused is what differs or
+cannot be decided from the bundle alone: integer division, unsigned arithmetic, pointers, macros,
+and all calls but those of clfsm's own predicates. A mark is the name `UNTRANSLATED`; a bundle with
+one does not run, and the error gives file and line. The C++ stays beside each mark, as comments.
 """
 
 from __future__ import annotations
@@ -39,7 +36,7 @@ _NOTHING = ("NULL", "nullptr", "0L")
 def targets(
     state: str, header: Fragment, code: Fragment | None, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the names of the states that the transitions of `state` lead to, in order.
+    """Find the states that the transitions of `state` lead to, in order.
 
     `header` gives their number. The target of each is the argument with which `code` creates it,
     or else the default of that argument in `header`. Raise `BundleError`.
@@ -75,7 +72,7 @@ _PATTERNS = {
 
 
 def suspend_state(code: Fragment, names: Sequence[str]) -> str | None:
-    """Return the state given to ``setSuspendState``: an index, ``_states[i]`` or a state's name.
+    """Find the state given to ``setSuspendState``: an index, ``_states[i]`` or a state's name.
 
     None if there is no such call. Raise `BundleError`.
     """
@@ -95,7 +92,7 @@ def suspend_state(code: Fragment, names: Sequence[str]) -> str | None:
 
 
 def without_comments(text: str) -> str:
-    """Return C++ text with its comments blanked; lines keep their numbers."""
+    """Blank the comments of C++ text; lines keep their numbers."""
 
     def blank(match: re.Match[str]) -> str:
         found = match[0]
@@ -136,14 +133,14 @@ _DEEPEST = 25
 
 
 class CppVariable(NamedTuple):
-    """What a C++ variable is in Python: its name there, and one of `KINDS`."""
+    """A C++ variable as it is in Python: its name there, and one of `KINDS`."""
 
     name: str
     kind: str
 
 
 def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str | None:
-    """Return Python that has the truth value of `text`, or None if that is not certain.
+    """Translate a C++ condition to Python with the same truth value; None if that is uncertain.
 
     A C++ ``float`` becomes Python's, which is a ``double``: variables of that type are only
     compared, and only with what is exact in both.
@@ -156,7 +153,7 @@ def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str 
 
 
 def translate_value(text: str, kind: str) -> str | None:
-    """Return Python for a constant that a variable of `kind` begins with, or None."""
+    """Translate a constant with which a variable of `kind` begins; None if that is uncertain."""
     try:
         value = _Parser(text, {}).whole()
     except _RefusedError:
@@ -311,7 +308,7 @@ class _Parser:
 
 
 def _tokens(text: str) -> list[_Value | str]:
-    """Return literals as values, names and signs as texts."""
+    """Split an expression: literals are values, names and signs are texts."""
     tokens: list[_Value | str] = []
     text = text.rstrip()
     at = 0
@@ -342,7 +339,7 @@ def _whole_number(number: int, suffix: str) -> _Value:
 
 
 def _truth(value: _Value) -> ast.expr:
-    """Return the node that is True or False as C++ takes `value`."""
+    """Make the node that is True or False as C++ takes `value`."""
     if value.kind == "bool":
         return value.node
     if value.kind == "string":
@@ -370,7 +367,7 @@ def _never_negative(value: _Value) -> bool:
 
 
 def _exact(value: _Value) -> bool:
-    """Return whether `value` is a constant, or a bool, that a C++ ``float`` holds exactly."""
+    """Check that `value` is a constant, or a bool, that a C++ ``float`` holds exactly."""
     node = value.node.operand if isinstance(value.node, ast.UnaryOp) else value.node
     if not isinstance(node, ast.Constant) or not isinstance(node.value, int | float):
         return value.kind == "bool"
@@ -411,7 +408,10 @@ _NO_STATEMENT = re.compile(r"[{};\s]|using\s+namespace\s+[\w:]+\s*;")
 
 
 def import_bundle(bundle: Bundle) -> Bundle:
-    """Return the Python bundle for a C++ one, with the same layout, names and targets."""
+    """Convert a C++ bundle to Python, with the same layout, names and targets.
+
+    Raise `BundleError` for one that is in Python already.
+    """
     if bundle.language == PYTHON:
         raise Fragment("", bundle.folder).error("this is already a Python bundle")
     variables, declared = _variables(bundle.variables, {})
@@ -454,7 +454,7 @@ def _expression(fragment: Fragment, known: Mapping[str, CppVariable]) -> Fragmen
 def _variables(
     fragment: Fragment | None, outer: Mapping[str, CppVariable]
 ) -> tuple[Fragment | None, dict[str, CppVariable]]:
-    """Return the declarations in Python, and all variables known after them, by their C++ names."""
+    """Translate declarations; return them, and all variables known now, by their C++ names."""
     known = dict(outer)
     if fragment is None:
         return None, known
@@ -471,7 +471,7 @@ def _variables(
 
 
 def _declare(code: str, known: dict[str, CppVariable]) -> str:
-    """Return one declaration in Python, and add the variable to those known."""
+    """Translate one declaration, and add its variable to those known."""
     match = _DECLARATION.fullmatch(code)
     if match is not None:
         kind = _KIND_OF_TYPE.get(re.sub(r"\s*\*", " *", " ".join(match["type"].split())))
@@ -497,7 +497,7 @@ def _python_name(name: str, known: Mapping[str, CppVariable]) -> str:
 
 
 def _section(fragment: Fragment | None) -> Fragment | None:
-    """Return the C++ statements as comments, marked unless they do nothing."""
+    """Turn C++ statements into comments, with a mark unless they do nothing."""
     quoted = _quoted(fragment)
     if fragment is None or quoted is None:
         return None

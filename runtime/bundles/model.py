@@ -6,6 +6,7 @@ absent.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,7 +31,7 @@ class Fragment:
         return "<bundle>" if self.file is None else str(self.file)
 
     def error(self, what: str, line: int | None = None) -> BundleError:
-        """Return an error about this text."""
+        """Return an error about this text, at a line of it, from 1."""
         return BundleError(what, self.file, line)
 
 
@@ -52,6 +53,11 @@ class BundleState:
     includes: Fragment | None = None
     variables: Fragment | None = None
     methods: Fragment | None = None
+
+    @property
+    def declarations(self) -> dict[str, Fragment]:
+        """The texts that declare names, by their parts: Includes, Variables, Methods."""
+        return _declarations(self)
 
 
 @dataclass(frozen=True)
@@ -76,3 +82,31 @@ class Bundle:
     def path(self) -> str:
         """The path of the machine's table: the bundle's folder."""
         return str(self.folder or f"<bundle {self.name}>")
+
+    @property
+    def declarations(self) -> dict[str, Fragment]:
+        """The machine's own texts that declare names, by their parts."""
+        return _declarations(self)
+
+    def texts(self) -> Iterator[tuple[str, str, Fragment]]:
+        """Give all texts with their places: the state, "" for the machine itself, and the part.
+
+        A part is a declaration, a section, or the number of a transition.
+        """
+        for part, text in self.declarations.items():
+            yield "", part, text
+        for state in self.states:
+            for part, text in (state.declarations | state.sections).items():
+                yield state.name, part, text
+            for number, transition in enumerate(state.transitions):
+                if transition.expression is not None:
+                    yield state.name, str(number), transition.expression
+
+
+def _declarations(source: Bundle | BundleState) -> dict[str, Fragment]:
+    parts = {
+        "Includes": source.includes,
+        "Variables": source.variables,
+        "Methods": source.methods,
+    }
+    return {part: text for part, text in parts.items() if text is not None}

@@ -1,4 +1,9 @@
-"""``Layout.plist``: the layout of a machine as the editors of bundles keep it."""
+"""``Layout.plist``: the layout of a machine as the editors of bundles keep it.
+
+An editor that follows a machine's files reads the layout again after each change. Of a list as
+editors write it, the text of each state is therefore read alone and remembered, and only those that
+are new are parsed. A list that is written otherwise is read as a whole.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +28,10 @@ _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
 def read_layout(data: bytes, file: Path) -> MachineLayout:
-    """Return the layout in `data`, which is what is in `file`, without incomplete parts.
-
-    Raise `BundleError`.
+    """Read the layout in `data`, the contents of `file`, without incomplete parts.
 
     A state without a position has no box. Paths belong to transitions by position, so they end at
-    the first that is incomplete.
+    the first that is incomplete. Raise `BundleError` if it is no property list.
     """
     try:
         states = _split_values(data)
@@ -42,10 +45,10 @@ def read_layout(data: bytes, file: Path) -> MachineLayout:
 
 
 def split_states(data: bytes) -> tuple[bytes, list[bytes], bytes] | None:
-    """Split a property list into what is before its states, each state's text, and the rest.
+    """Split a property list: the text before its states, each state's text, and the rest.
 
-    None if it is not written as editors write it. What is before the states and the rest are a
-    property list together, and each state's text is a key and a value if it can be read as such.
+    None if it is not written as editors write it. The first and the last together are a property
+    list, and each state's text is a key and a value if it can be read as such.
     """
     if b"<!" in data.replace(b"<!DOCTYPE ", b"", 1) or data.count(b"<?") > 1 or b"&#" in data:
         return None  # a comment, for example, may have the text of a state in it
@@ -66,7 +69,7 @@ _END = b"\n\t</dict>"
 
 
 class _State(NamedTuple):
-    """What the layout has of a state."""
+    """The box and the paths of a state in a layout."""
 
     box: StateBox | None
     paths: tuple[TransitionPath, ...]
@@ -108,7 +111,7 @@ def _values(found: Any) -> Iterator[tuple[str, _State]]:
 
 
 def layout_to_plist(layout: MachineLayout) -> bytes:
-    """Return the property list that `read_layout` reads as `layout`."""
+    """Write the property list that `read_layout` reads as `layout`."""
     states: dict[str, dict[str, Any]] = {}
     for name in {**layout.states, **layout.transitions}:
         states[name] = {
@@ -144,7 +147,7 @@ def _number(values: Mapping[str, Any], key: str) -> float | None:
 
 
 def described_path(path: TransitionPath) -> dict[str, float]:
-    """Return a transition's path as the property list has it."""
+    """Describe a transition's path as property lists do."""
     points = zip(_POINTS, (path.src, path.dst, path.control1, path.control2), strict=True)
     return {
         f"{key}{axis}": value

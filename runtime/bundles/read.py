@@ -1,9 +1,7 @@
-"""Read a Python or C++ bundle, whichever tool wrote it.
+"""Read a Python or C++ bundle, whichever tool wrote it and whoever it comes from.
 
 The list of states decides which files are read: bundles keep files of states and transitions that
 no longer exist, and one state's name may be a prefix of another's.
-
-The files of a bundle, which may come from anybody.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from llfsm.runtime.engine.table import MachineLayout
 
 
 def read_file(file: Path) -> bytes | None:
-    """Return what is in the file; None if it does not exist.
+    """Read a regular file; return None if it does not exist.
 
     Raise `BundleError` if it cannot be read, or is a pipe or device, which may never end.
     """
@@ -59,7 +57,7 @@ NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}"
 
 
 def read_bundle(folder: str | Path) -> Bundle:
-    """Return the contents of the bundle in `folder`.
+    """Read the bundle in `folder`.
 
     Raise `BundleError`, which names the file, and the line where there is one.
     """
@@ -70,7 +68,7 @@ def read_bundle(folder: str | Path) -> Bundle:
 
 
 class Reader:
-    """Read one folder; a subclass may read on where this one raises."""
+    """Read one folder; subclasses read files elsewhere, or read on where this one raises."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -89,7 +87,7 @@ class Reader:
         self.headers = _PYTHON_FILES if self.python else _HEADER_FILES
 
     def bundle(self) -> Bundle:
-        """Return the contents of the folder."""
+        """Read the whole bundle."""
         names = self.state_names()
         states = tuple(self.state(name, names) for name in names)
         return Bundle(
@@ -106,7 +104,7 @@ class Reader:
         )
 
     def state_names(self) -> list[str]:
-        """Return the states in order. Anything but a list of names is an error."""
+        """Read the names of the states, in order; raise `BundleError` for any other text."""
         if not self.exists("States"):
             raise BundleError(
                 "not a bundle: there is no file States, which lists the states", self.folder
@@ -127,7 +125,7 @@ class Reader:
         return names
 
     def state(self, name: str, names: list[str]) -> BundleState:
-        """Return one state with its sections and transitions."""
+        """Read one state with its sections and transitions."""
         stem = f"State_{name}"
         sections = {key: self.find(f"{stem}_{key}", self.code) for key in SECTIONS}
         read = self.python_transitions if self.python else self.cpp_transitions
@@ -147,7 +145,7 @@ class Reader:
         return 1 + [line.strip() for line in listed.text.splitlines()].index(state)
 
     def cpp_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
-        """Return a C++ state's transitions; their targets are in generated code."""
+        """Read a C++ state's transitions; their targets are in generated code."""
         header = self.find(f"State_{state}", self.headers)
         if header is None:
             is_python = any(self.exists(f"State_{state}_{part}.py") for part in PARTS)
@@ -164,7 +162,7 @@ class Reader:
         )
 
     def python_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
-        """Return a state's transitions, each with a file for its target."""
+        """Read a Python state's transitions, each with a file for its target."""
         stem = f"State_{state}"
         numbers = self.transition_numbers.get(state, set())
         if not numbers and not any(self.exists(f"{stem}_{end}.py") for end in PARTS):
@@ -188,7 +186,7 @@ class Reader:
         return tuple(transitions)
 
     def suspend(self, names: list[str]) -> str | None:
-        """Return the declared suspend state."""
+        """Read the name of the suspend state; None if there is none."""
         if self.python:
             named = self.text("SuspendState")
             return None if named is None else self.known_state(named, names)
@@ -201,39 +199,39 @@ class Reader:
         return suspend_state(code, names)
 
     def known_state(self, fragment: Fragment, names: list[str]) -> str:
-        """Return the state that a file names. Raise `BundleError` if there is no such state."""
+        """Return the state that a file names; raise `BundleError` if there is none."""
         name = fragment.text.strip()
         if name not in names:
             raise fragment.error(f"{name!r} is not a state; the states are: {', '.join(names)}", 1)
         return name
 
     def include_paths(self) -> tuple[str, ...]:
-        """Return the include folders as the file gives them."""
+        """Read the include folders, as the file gives them."""
         listed = self.text("IncludePath")
         lines = [] if listed is None else listed.text.splitlines()
         return tuple(line.strip() for line in lines if line.strip())
 
     def layout(self) -> MachineLayout | None:
-        """Return the layout that an editor has saved."""
+        """Read the layout that an editor has saved; None if there is none."""
         data = self.data("Layout.plist")
         return None if data is None else read_layout(data, self.folder / "Layout.plist")
 
     def expression(self, name: str) -> Fragment | None:
-        """Return an expression. A transition whose file is missing always fires."""
+        """Read an expression; None without a file, as such a transition always fires."""
         found = self.text(name)
         if found is None and self.exists(name):
             raise BundleError("it is empty; write an expression", self.folder / name)
         return found
 
     def find(self, stem: str, endings: tuple[str, ...]) -> Fragment | None:
-        """Return the text of the first file that exists, or None if it is blank."""
+        """Read the first file that exists of `stem` with these endings; None if it is blank."""
         for ending in endings:
             if self.exists(stem + ending):
                 return self.text(stem + ending)
         return None
 
     def text(self, name: str) -> Fragment | None:
-        """Return the text of the file, or None if it does not exist or is blank."""
+        """Read a file as text; None if it does not exist or is blank."""
         file = self.folder / name
         data = self.data(name)
         if data is None:
@@ -255,13 +253,13 @@ class Reader:
         return numbers
 
     def names(self) -> Iterable[str]:
-        """Return the names of the files."""
+        """List the files of the folder."""
         return os.listdir(self.folder)
 
     def exists(self, name: str) -> bool:
-        """Return whether there is a file of that name."""
+        """Check that the folder has a file."""
         return (self.folder / name).exists()
 
     def data(self, name: str) -> bytes | None:
-        """Return what is in a file, or None if it does not exist."""
+        """Read a file of the folder; None if it does not exist."""
         return read_file(self.folder / name)

@@ -1,4 +1,4 @@
-"""Write a Python bundle: all of it, or nothing."""
+"""Write a Python bundle: into a folder beside its own, which then takes its place at once."""
 
 from __future__ import annotations
 
@@ -94,7 +94,8 @@ def _files(bundle: Bundle) -> Iterator[tuple[str, bytes]]:
         texts["SuspendState"] = f"{bundle.suspend}\n"
     if bundle.include_paths:
         texts["IncludePath"] = "".join(f"{path}\n" for path in bundle.include_paths)
-    texts |= _declarations(bundle.name, bundle)
+    for part, fragment in bundle.declarations.items():
+        texts[f"{bundle.name}_{part}.py"] = fragment.text
     for state in bundle.states:
         texts |= _state_texts(state)
     for name, text in texts.items():
@@ -105,19 +106,10 @@ def _files(bundle: Bundle) -> Iterator[tuple[str, bytes]]:
 
 def _state_texts(state: BundleState) -> dict[str, str]:
     stem = f"State_{state.name}"
-    texts = {f"{stem}_{key}.py": fragment.text for key, fragment in state.sections.items()}
-    texts |= _declarations(stem, state)
+    parts = state.sections | state.declarations
+    texts = {f"{stem}_{part}.py": fragment.text for part, fragment in parts.items()}
     for number, transition in enumerate(state.transitions):
         texts[f"{stem}_Transition_{number}.target"] = f"{transition.target}\n"
         if transition.expression is not None:
             texts[f"{stem}_Transition_{number}.expr"] = transition.expression.text
     return texts or {f"{stem}_OnEntry.py": "\n"}  # a state needs a file
-
-
-def _declarations(stem: str, source: Bundle | BundleState) -> dict[str, str]:
-    fragments = {
-        "Includes": source.includes,
-        "Variables": source.variables,
-        "Methods": source.methods,
-    }
-    return {f"{stem}_{key}.py": each.text for key, each in fragments.items() if each is not None}

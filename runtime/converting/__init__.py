@@ -1,8 +1,7 @@
 """Make a bundle of a machine class, and a class of a bundle, that do the same.
 
-Read in this order: `edited_text` (a text that is changed at nodes), `to_class`, then `imports`,
-`function_text` and `to_bundle`, `class_files`, `convert`, `class_outline` and
-`class_process`.
+Read in this order: `edited_text` (a text that is changed at nodes), `to_class`, `to_bundle`,
+`class_files`, `convert` and `class_process` (a class whose text changes, in a process of its own).
 """
 
 from llfsm.runtime.converting.class_files import class_layout, layout_file, module_name, write_class

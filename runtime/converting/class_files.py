@@ -18,7 +18,7 @@ LAYOUT_SUFFIX = ".layout"
 
 
 def class_file(cls: type[Machine]) -> Path:
-    """Return the file of a class statement; raise `BundleError` if there is none."""
+    """Find the file of a class statement; raise `BundleError` if there is none."""
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
     if file is None or not Path(file).is_file():
         raise BundleError(f"{cls.__name__} is in no file of Python")
@@ -31,7 +31,7 @@ def layout_file(cls: type[Machine]) -> Path:
 
 
 def class_layout(cls: type[Machine]) -> MachineLayout | None:
-    """Return where an editor has drawn a class; None if it has not been."""
+    """Read the layout that an editor has kept beside a class; None if there is none."""
     if not Path(getattr(sys.modules.get(cls.__module__), "__file__", None) or "").is_file():
         return None
     file = layout_file(cls)
@@ -40,12 +40,15 @@ def class_layout(cls: type[Machine]) -> MachineLayout | None:
 
 
 def module_name(name: str) -> str:
-    """Return the name of the module for a class of this name: ``wall_follower``."""
+    """Make the name of the module for a class: ``wall_follower`` for WallFollower."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 def write_class(name: str, text: str, folder: Path) -> Path:
-    """Write the module of a class; return its file. Raise `BundleError`, also if it is there."""
+    """Write the module of a class; return its file.
+
+    Raise `BundleError` if the file exists, would hide another module, or cannot be written.
+    """
     module = module_name(name)
     file = folder / f"{module}.py"
     if file.exists():

@@ -68,7 +68,7 @@ _PATIENCE_S: Final = 30.0  # for the imports of the module, too
 
 
 class ClassName(NamedTuple):
-    """Where a machine class is found: its module's file, and how Python imports it."""
+    """The names of a machine class: its module's file, and how Python imports it."""
 
     file: Path
     module: str
@@ -76,12 +76,12 @@ class ClassName(NamedTuple):
 
     @property
     def arguments(self) -> list[str]:
-        """What `load_machine` takes, in a process that imports as this one does."""
+        """The arguments for `load_machine`, in a process that imports as this one does."""
         return [str(self.file), self.module, self.name, json.dumps(sys.path)]
 
 
 class ClassText(NamedTuple):
-    """What there is to see of a class."""
+    """A class as an editor shows it: its texts, and the findings of `llfsm check`."""
 
     bundle: Bundle
     findings: list[Finding]

@@ -1,4 +1,8 @@
-"""A text that is changed at the places of nodes of its syntax tree, and nowhere else."""
+"""A text that is changed at the places of nodes of its syntax tree, and nowhere else.
+
+`ast.unparse` would lose comments and the user's own layout. The tree therefore only says where, in
+bytes as `ast` counts columns, and the text between changes is copied as it is.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +34,11 @@ class EditedText:
         self._changes: list[tuple[int, int, bytes]] = []
 
     def start(self, node: ast.expr | ast.stmt | ast.arg) -> int:
-        """Return where a node begins, in bytes."""
+        """Return the place in bytes at which a node begins."""
         return self._starts[node.lineno - 1] + node.col_offset
 
     def end(self, node: ast.expr | ast.stmt | ast.arg) -> int:
-        """Return where a node ends."""
+        """Return the place in bytes behind a node."""
         assert node.end_lineno is not None
         assert node.end_col_offset is not None
         return self._starts[node.end_lineno - 1] + node.end_col_offset
@@ -44,15 +48,15 @@ class EditedText:
         return self._lines[number - 1].decode()
 
     def line_start(self, number: int) -> int:
-        """Return where a line, from 1, begins; that behind the last is where the text ends."""
+        """Return the place of a line, from 1, in bytes; behind the last line, the text's end."""
         return min(self._starts[number - 1], len(self._text))
 
     def find(self, pattern: bytes, start: int) -> re.Match[bytes] | None:
-        """Return the match of a pattern that begins at `start`."""
+        """Match a pattern with the text at `start`; None if it does not match there."""
         return re.compile(pattern).match(self._text, start)
 
     def replace(self, start: int, end: int, text: str) -> None:
-        """Let other text be between two places."""
+        """Replace the text between two places."""
         self._changes.append((start, end, text.encode()))
 
     def indent(self, first: int, last: int, by: int) -> None:
@@ -100,7 +104,7 @@ class EditedText:
             self.replace_names(child, new)
 
     def text(self, start: int = 0, end: int | None = None) -> str:
-        """Return the text between two places, with the changes in it."""
+        """Return the text between two places, by default all, with the changes in it."""
         end = len(self._text) if end is None else end
         made, rest = b"", start
         for begin, stop, new in sorted(self._changes, key=lambda change: change[:2]):
@@ -125,7 +129,7 @@ class _Transformer(ast.NodeTransformer):
 
 @lru_cache(maxsize=16)
 def _lines_in_strings(text: str) -> frozenset[int]:
-    """Return the numbers of the lines that begin inside a string."""
+    """Find the lines, by number, that begin inside a string: their indentation is its contents."""
     inside: set[int] = set()
     opened: list[int] = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):

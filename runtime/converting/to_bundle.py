@@ -1,11 +1,10 @@
-"""Make a bundle of a machine class, which does the same.
+"""Convert a machine class to a bundle that does the same.
 
-The texts of the class stay as they are, with their comments; only ``self.`` is left out where a
-bundle needs none. The structure is the class's table: a loop that declares transitions is not seen.
-
-The imports that a bundle needs for the names that a class's code takes from its module.
-
-The texts of a class's functions as a bundle has them: bare names instead of ``self.name``.
+The structure comes from the class's table, in which a loop that declares transitions has run. The
+texts come from the class's source and stay as they are, with their comments: only ``self.`` is left
+out where a bundle needs none. Names that the code takes from its module are imported as that module
+does, or from it. What has no equal in a bundle is refused, with file and line; and at the end the
+bundle is compiled, so that what is written can be loaded.
 """
 
 from __future__ import annotations
@@ -97,7 +96,7 @@ def _as_sorted(name: str) -> tuple[bool, bool, str]:
 
 
 def _import_of(name: str, module: Mapping[str, Any], file: Path, line: int) -> str:
-    """Return how to import a name: a line, or the module and the name on two."""
+    """Write the import of a name: one line, or the module and the name on two, to be joined."""
     parsed = parse_file(str(module.get("__file__", "")))
     for node in reversed(parsed[1].body if parsed else []):
         for alias in node.names if isinstance(node, ast.Import | ast.ImportFrom) else ():
@@ -138,7 +137,7 @@ _TWICE = "{!r} is of the module here, and the machine has one, too; rename one o
 
 
 def refusal(what: str, file: Path, line: int | None) -> BundleError:
-    """Return the error of what a bundle cannot have."""
+    """Return the error for what a bundle cannot have."""
     return BundleError(f"cannot be made a bundle: {what}", file, line)
 
 
@@ -203,7 +202,7 @@ class FunctionTexts:
         return text.text(text.line_start(node.lineno), text.line_start(last + 1)).rstrip() + "\n"
 
     def expression(self, guard: Any, what: str, line: int, *, is_alone: bool) -> str | None:
-        """Return what a guard returns; None if it has other statements, too."""
+        """Return the text of a guard's only expression; None if it has other statements, too."""
         function, node, text, file = self._read(guard, what, line)
         if isinstance(node, ast.Lambda):
             value = node.body
@@ -360,7 +359,7 @@ _OURS = "llfsm"
 
 
 def class_bundle(cls: type[Machine], folder: Path) -> Bundle:
-    """Return the bundle that does what `cls` does; its folder will be in `folder`.
+    """Make the bundle that does the same as `cls`; its folder will be in `folder`.
 
     Raise `BundleError`, with file and line, for what a bundle cannot have.
     """
@@ -440,7 +439,7 @@ class _Converter:
         return bundle
 
     def _search(self) -> tuple[str, ...]:
-        """Return where the bundle finds the class's own module, unless Python knows."""
+        """Return the include path to the class's own module; none if that is installed."""
         package = self.cls.__module__.split(".")
         root = self.file.parents[len(package) - (self.file.stem != "__init__")]
         installed = {Path(sysconfig.get_path(each)) for each in ("stdlib", "purelib", "platlib")}

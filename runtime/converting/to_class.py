@@ -1,7 +1,9 @@
-"""Make the text of a machine class of a Python bundle, which does the same; nothing is run.
+"""Convert a Python bundle to the text of a machine class that does the same; nothing is run.
 
 The bundle's texts stay as they are, with their comments; only the names of the machine become
-attributes of ``self``.
+attributes of ``self``. Which names these are is decided by the rules that compile a bundle
+(`Scope`), so the class means the same. What has no equal in a class is refused, with file and line.
+A class is one namespace and a bundle has one for each state, so names of states get a prefix.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from pathlib import Path
 
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
-from llfsm.runtime.bundles.compiling import Scope
+from llfsm.runtime.bundles.compiling import Scope, first_wait
 from llfsm.runtime.bundles.names import (
     Known,
     included_names,
@@ -42,7 +44,7 @@ _BLANK = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.ENDMARKER)
 
 
 def class_text(bundle: Bundle, folder: Path) -> str:
-    """Return the text of a module in `folder` with the class that does what `bundle` does.
+    """Write the text of a module for `folder`, with a class that does the same as `bundle`.
 
     Raise `BundleError`, with file and line, for what a class cannot have.
     """
@@ -60,7 +62,7 @@ class _TextScope(Scope):
 
     @property
     def known(self) -> Known:
-        """What a name in the code can mean."""
+        """The meanings of all names in the code."""
         return Known(self.names, dict.fromkeys(self.included))
 
     def include(self, fragment: Fragment) -> set[str]:
@@ -130,7 +132,7 @@ class _Writer:
                     )
 
     def _check_module(self, fragment: Fragment) -> None:
-        """Raise `BundleError` if what is included is in a module with the name of the class's."""
+        """Raise `BundleError` for an include from a module of the same name as the class's own."""
         for node in ast.walk(parse(fragment)):
             match node:
                 case ast.ImportFrom(str(module), _, 0):
@@ -187,7 +189,7 @@ class _Writer:
         return text
 
     def _includes(self) -> tuple[str, str]:
-        """Return the text that describes the machine, and what it includes."""
+        """Return the docstring of the machine, and the text of all its includes."""
         own = self.bundle.includes
         fragments = [each for each in (own, *(s.includes for s in self.bundle.states)) if each]
         doc, texts = "", []
@@ -281,17 +283,16 @@ class _Writer:
             yield self._arrow(to, each.expression, known)
 
     def _arrow(self, to: str, expression: Fragment, known: Known) -> str:
-        """Return a transition in one line; or, if that is too long, its guard as a function."""
+        """Write a transition in one line or, if that is too long, with its guard as a function."""
         fragment = Fragment(expression.text.lstrip(" \t"), expression.file)
         whole, text = parse_expression(fragment), EditedText(fragment.text)
         start, end = _span_of_code(fragment.text)
         comment = " ".join(f"{text.text(0, start)} {text.text(end)}".split())
-        timed, first = _timed(whole)
-        if first is not None and text.start(first) == start:
-            joined = text.find(rb"\s*and\b\s*", text.end(first))
+        timed, wait = "", first_wait(whole)
+        if wait is not None and text.start(wait[2]) == start:
+            timed = f"{wait[0]}={wait[1]!r}"
+            joined = text.find(rb"\s*and\b\s*", text.end(wait[2]))
             start = end if joined is None else joined.end()
-        else:
-            timed = ""
         text.replace_names(resolve(whole, fragment, known, running=True), self._attribute)
         guard = text.text(start, end)
         given = ", ".join(filter(None, (timed, f"when=lambda self: {guard}" if guard else "")))
@@ -331,24 +332,12 @@ class _Writer:
 
 
 def _indented_doc(doc: str) -> str:
-    """Return a docstring as a class has it; reading it cleans its lines."""
+    """Indent a docstring for a class; reading it cleans its lines."""
     return "".join(f"    {line}".rstrip() + "\n" for line in doc.split("\n"))
 
 
-def _timed(whole: ast.expr) -> tuple[str, ast.expr | None]:
-    """Return the argument for the time that an expression waits for first, and that part of it."""
-    first = whole
-    if isinstance(whole, ast.BoolOp) and isinstance(whole.op, ast.And):
-        first = whole.values[0]
-    match first:
-        case ast.Call(ast.Name("after_ms" | "after" as name), [ast.Constant(value)], []):
-            if isinstance(value, int | float):
-                return f"{name}={value!r}", first
-    return "", None
-
-
 def _span_of_code(text: str) -> tuple[int, int]:
-    """Return where, in bytes, the code of an expression begins and ends; around it are comments."""
+    """Find the code of an expression between comments: its first byte, and that behind it."""
     places = []
     lines = text.splitlines(keepends=True)
     for token in tokenize.generate_tokens(io.StringIO(text).readline):

@@ -5,6 +5,9 @@ transition), ``Wall:STOP->TURN`` (by those to TURN), ``Wall!`` (its code raises)
 ``@turtle1/pose`` (a machine has another message of the slot). ``#3`` after it means from the third
 time on, and ``if x > 9`` an expression over the machine's variables and sensors, or the message.
 
+Breakpoints can be set in machines that are called later, so these are known before they run: see
+`callable_machines`.
+
 They are tested by probes (`Probes`), which wrap sections and sensors in machines' bound tables:
 what has no breakpoint is not wrapped, and costs nothing. A state is entered after a transition to
 it has fired, so its probe is in the OnExit of the states before it: machines are paused before
@@ -17,7 +20,9 @@ from __future__ import annotations
 import ast
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from llfsm.errors import did_you_mean
@@ -30,6 +35,50 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
     from llfsm.runtime.engine.seat import BoundState, Seat
     from llfsm.runtime.engine.state import SectionCode
+
+
+def callable_machines(classes: Mapping[str, type[Machine]]) -> dict[str, type[Machine]]:
+    """Add to machines, by name, those that their code may call, which may never have been loaded.
+
+    These are the classes of their modules and, for bundles, the bundles beside them that their code
+    names, which are loaded. Raise what `load_bundle` raises.
+    """
+    from llfsm.runtime.bundles import load_bundle  # here, as few processes debug machines
+
+    found = {**classes, **_in_modules_of(classes.values()), **classes}  # in the order of `classes`
+    waiting = [*classes.values()]
+    while waiting:
+        for folder in _bundles_named_by(waiting.pop()):
+            if folder.stem not in found:
+                found[folder.stem] = load_bundle(folder)
+                waiting.append(found[folder.stem])
+    return found
+
+
+def _in_modules_of(classes: Iterable[type[Machine]]) -> dict[str, type[Machine]]:
+    modules = {cls.__module__: sys.modules.get(cls.__module__) for cls in classes}
+    return {
+        each.__name__: each
+        for module in filter(None, modules.values())
+        for each in vars(module).values()
+        if isinstance(each, type) and issubclass(each, Machine) and each is not Machine
+    }
+
+
+def _bundles_named_by(cls: type[Machine]) -> Iterator[Path]:
+    """Give the folders of bundles beside a bundle that are named by texts in its code."""
+    from llfsm.runtime.bundles import SUFFIX
+
+    folder = Path(cls.table.path)
+    if folder.suffix != SUFFIX:
+        return
+    for state in cls.table.states:
+        for code in state.sections.values():
+            for text in code.__code__.co_consts if isinstance(code, FunctionType) else ():
+                if isinstance(text, str) and text.isidentifier():
+                    other = folder.with_name(f"{text}{SUFFIX}")
+                    if other.is_dir():
+                        yield other
 
 
 _TEXT: Final = re.compile(
@@ -108,7 +157,7 @@ def check_breakpoints(
     `machines` are those that run, and others that they may load, by name: those beside them in
     their modules are known, too. `slots` are what they read.
     """
-    known = {**machines_beside(machines.values()), **machines}
+    known = {**_in_modules_of(machines.values()), **machines}
     for each in breakpoints:
         if each.slot:
             sensors = (port for cls in known.values() for port in cls.table.sensors.values())

@@ -1,4 +1,9 @@
-"""A machine class that is open: its code is only looked at, its layout is kept beside it."""
+"""A machine class that is open: its code is only shown, its layout is kept beside it.
+
+The file of the layout takes the place of a bundle's ``Layout.plist``, so that the edits of layouts,
+their history and their writing are those of bundles. The class is read again, in a process of its
+own, whenever its file has changed.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +63,7 @@ class ClassDocument(Document):
         return changed
 
     def findings(self) -> tuple[list[Finding], dict[str, list[str]]]:
-        """Return what `llfsm check` finds in the class, and no names: nothing is written."""
+        """Return the findings of `llfsm check`, and no names, as no code is written here."""
         return (self._text.findings if isinstance(self._text, ClassText) else []), {}
 
     def convert(self) -> Path:
@@ -68,7 +73,7 @@ class ClassDocument(Document):
 
     @property
     def found_by(self) -> list[str]:
-        """How another process finds the machine, as arguments for `load_machine`."""
+        """The arguments by which `load_machine` finds the machine in another process."""
         return self._machine.arguments
 
     def _look(self) -> bool:

@@ -1,4 +1,11 @@
-"""A bundle that is open: edits are written at once, can be undone, and others' changes are seen."""
+"""A bundle that is open: edits are written at once, can be undone, and others' changes are seen.
+
+An edit changes files in memory (`Draft`), and what differs then is written together or not at all.
+The history is therefore a list of changes of files, each with the bytes before and after: undo
+exchanges them, whatever the edit was, and byte for byte. There is no lock against other programs.
+Each change is made only of files that still are what it was made from, else it is a conflict, and
+nothing of anybody's is lost.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +54,7 @@ _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(list[Edit])
 
 
 def decode_edits(text: str | bytes) -> list[Edit]:
-    """Return the edits in a JSON array, or raise `EditError`."""
+    """Decode the edits in a JSON array; raise `EditError`."""
     try:
         edits: list[Edit] = _decoder.decode(text)
     except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
@@ -70,7 +77,7 @@ class Document:
     def __init__(self, path: str | Path | BundleFolder):
         self.folder = path if isinstance(path, BundleFolder) else BundleFolder(path)
         self.recovered = self.folder.recover()
-        """Whether an edit on whose way an editor was killed has been taken back."""
+        """True if an edit was taken back now, during which an earlier editor was killed."""
         self.files: Mapping[str, bytes] = self.folder.read()
         self.revision = 0
         self._read: tuple[Mapping[str, bytes], Bundle] | None = None
@@ -87,22 +94,22 @@ class Document:
 
     @property
     def path(self) -> Path:
-        """Where the machine is."""
+        """The folder of the bundle."""
         return self.folder.path
 
     @property
     def found_by(self) -> list[str]:
-        """How another process finds the machine, as arguments for `load_machine`."""
+        """The arguments by which `load_machine` finds the machine in another process."""
         return [str(self.path)]
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
+        """True if there is an edit to undo."""
         return bool(self._done)
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is an edit to make again."""
+        """True if there is an edit to make again."""
         return bool(self._undone)
 
     def refresh(self) -> list[str]:
@@ -116,7 +123,7 @@ class Document:
 
     @property
     def shape(self) -> str:
-        """What edits name: the states and the targets of their transitions, in their order."""
+        """The names that edits refer to: states and targets of transitions, in their order."""
         return "\n".join(
             f"{state.name} {' '.join(each.target for each in state.transitions)}"
             for state in self.bundle.states
@@ -147,7 +154,7 @@ class Document:
         return Draft(self.folder.path, self.files, self.bundle)
 
     def findings(self) -> tuple[list[Finding], dict[str, list[str]]]:
-        """Return what `llfsm check` finds without a run, and the names that code can use.
+        """Check the machine as `llfsm check` does, without a run; add the names that code can use.
 
         Those at "" can be used in all states, others in the state by whose name they are.
         """

@@ -1,9 +1,8 @@
-"""The files of a bundle while an edit changes them, in memory.
+"""The files of a bundle: on disk, and in memory while an edit changes them.
 
-An edit sees and leaves files, so what it does not name keeps every byte, and taking it back is
-putting the former files in their places.
-
-The files of a bundle on disk: read together, and changed together or not at all.
+An edit changes files in memory (`Draft`), never a model of the machine that would be written out.
+What it does not name keeps every byte, and undo puts the former files in their places. On disk
+(`BundleFolder`), files are read together, and changed together or not at all:
 
 * A file is written only if it still is what the change was made from. What another program has
   changed meanwhile is never overwritten.
@@ -35,7 +34,7 @@ from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import MachineLayout
 
 JOURNAL = ".llfsm-edit"
-"""The file that says how to take back a change that was interrupted."""
+"""The file by which a change that was interrupted is taken back."""
 _TEMPORARY = ".llfsm-edit.new"
 _ALONE = ("States", "Language", "SuspendState", "IncludePath", "Layout.plist")
 _LINK = "a symbolic link, which may lead anywhere: put the file in its place"
@@ -48,7 +47,7 @@ _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FLAGS
 
 
 class FileChange(NamedTuple):
-    """What a file contains before and after a change; None if there is no such file."""
+    """The contents of a file before and after a change; None while there is no such file."""
 
     before: bytes | None
     after: bytes | None
@@ -86,7 +85,7 @@ class BundleFolder:
         self._known: dict[str, tuple[tuple[int, ...], bytes]] = {}
 
     def read(self) -> dict[str, bytes]:
-        """Return all files that are, or may become, part of the machine, by their names."""
+        """Read all files that are, or may become, part of the machine, by their names."""
         with self._opened() as folder:
             names = sorted(filter(self._is_part, folder.names()))
             files = {name: self._read_again(folder, name) for name in names}
@@ -139,7 +138,7 @@ class BundleFolder:
                 os.unlink(folder.at(JOURNAL), dir_fd=folder.descriptor)
 
     def recover(self) -> bool:
-        """Take back a change on whose way a program was killed; return whether there was one."""
+        """Take back a change during which a program was killed; return True if there was one."""
         with self._opened() as folder:
             with suppress(OSError):
                 os.unlink(folder.at(_TEMPORARY), dir_fd=folder.descriptor)
@@ -171,7 +170,7 @@ class BundleFolder:
             os.unlink(folder.at(JOURNAL), dir_fd=folder.descriptor)
 
     def _is_part(self, name: str) -> bool:
-        """Return whether a file of this name can belong to the machine."""
+        """Check that a file of this name can belong to the machine."""
         starts = ("State_", f"{self.name}_", f"{self.name}.")
         is_of_it = name.startswith(starts) and os.sep not in name
         return name in _ALONE or (is_of_it and not name.endswith(SUFFIX))  # another one inside
@@ -289,7 +288,7 @@ class FilesReader(Reader):
             self._kept = {each.name: each for each in bundle.states if each.name not in touched}
 
     def state(self, name: str, names: list[str]) -> BundleState:
-        """Return one state with its sections and transitions."""
+        """Read one state, or keep that of before if its files are the same."""
         kept = self._kept.get(name)
         if kept is None:
             return super().state(name, names)
@@ -298,19 +297,19 @@ class FilesReader(Reader):
         return kept
 
     def layout(self) -> MachineLayout | None:
-        """Return the layout that an editor has saved."""
+        """Read the layout, or keep that of before if its file is the same."""
         return super().layout() if self._layout is None else self._layout
 
     def names(self) -> Iterable[str]:
-        """Return the names of the files."""
+        """List the files in memory."""
         return self._files
 
     def exists(self, name: str) -> bool:
-        """Return whether there is a file of that name."""
+        """Check that there is a file of this name in memory."""
         return name in self._files
 
     def data(self, name: str) -> bytes | None:
-        """Return what is in a file, or None if it does not exist."""
+        """Return the contents of a file, None if it does not exist."""
         return self._files.get(name)
 
 
@@ -337,7 +336,7 @@ class Draft:
 
     @property
     def changes(self) -> dict[str, FileChange]:
-        """What the edit has changed so far."""
+        """The changes of the edit so far, by the files' names."""
         old, new = self._before, self.files
         names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
         return {name: FileChange(old.get(name), new.get(name)) for name in names}
@@ -387,7 +386,7 @@ class Draft:
         return [name for name in self.files if name in known]
 
     def put(self, name: str, data: bytes | None) -> None:
-        """Set what is in a file; None removes it."""
+        """Set the contents of a file; None removes it."""
         if data is None:
             self.files.pop(name, None)
         else:
@@ -411,7 +410,7 @@ class Draft:
 
 
 def text_like(old: bytes, text: str) -> bytes:
-    """Return a text with the mark at its beginning and the ends of lines that an old one has."""
+    """Encode a text with the byte order mark and the ends of lines that an old one has."""
     decoded = old.decode("utf-8", "replace")
     if "\r\n" in decoded and "\n" not in decoded.replace("\r\n", ""):
         text = text.replace("\r\n", "\n").replace("\n", "\r\n")

@@ -15,4 +15,4 @@ class EditError(FsmError):
 
 
 class EditConflictError(EditError):
-    """What was to be changed is not what it was when the edit was made; it is kept."""
+    """The text or file to be changed is not as it was when the edit was made; it is kept."""

@@ -1,15 +1,13 @@
-"""Edits of where a machine is drawn; a C++ bundle has these, too.
+"""Edits of where a machine is drawn, which C++ bundles and classes have, too.
 
-The text of an XML property list, changed at the values that are set and nowhere else.
+The layout is an XML property list. Editors write numbers, indentation and the order of keys in ways
+of their own, and keep more in it than we know: reading it and writing it again would change every
+line. So the place of each value in the text is found, and only the text of what changes is
+replaced (`PropertyList`). The text of a state that was read before, as that of most was, is not
+read again.
 
-Editors write numbers, indentation and the order of keys in ways of their own. Reading such a file
-and writing it again would change every line of it. Here the place of each value in the text is
-found instead, and only the text of what changes is replaced. The text of a state that was read
-before, as that of most states was, is not read again.
-
-The layout of a draft as text, and what edits of the machine change in it.
-
-The property list keeps the text of everything else: other states, colours, heights of sections.
+A machine without a layout is placed automatically. Its first edit writes down where everything is
+drawn now, so that nothing else moves.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ _UTF_8 = re.compile(rb"(\xef\xbb\xbf)?<\?xml(?![^>]*encoding=(?![\"']utf-8[\"'])
 
 @dataclass
 class _Place:
-    """Where a value, with its tags, is in the text; of a dictionary, where its keys are, too."""
+    """The place of a value, with its tags, in the text; of a dictionary, those of its keys, too."""
 
     tag: str
     start: int
@@ -74,7 +72,7 @@ class PropertyList:
         self._changes: list[tuple[int, int, bytes]] = []
 
     def has(self, *path: str | int) -> bool:
-        """Return whether there is a value."""
+        """Check that there is a value at a path."""
         try:
             self._find(path)
         except EditError:
@@ -115,7 +113,7 @@ class PropertyList:
         self._changes.append((base + there.start, base + there.end, _written_key(key)))
 
     def items(self, *path: str) -> list[bytes]:
-        """Return the texts of an array's values; none if there is no such array."""
+        """List the texts of an array's values; none if there is no such array."""
         if not self.has(*path):
             return []
         place, base = self._find(path)
@@ -155,7 +153,7 @@ class PropertyList:
         self._changes.append((base + place.start, base + place.end, text))
 
     def _find(self, path: Sequence[str | int]) -> tuple[_Place, int]:
-        """Return a place, and what it and all inside count from."""
+        """Find a place, and the offset from which it and all inside count."""
         place, base = self._root, 0
         for each in path:
             if isinstance(each, int):
@@ -178,7 +176,7 @@ def _nowhere(path: Sequence[str | int]) -> EditError:
 
 
 def _places_by_state(data: bytes) -> _Place | None:
-    """Return the place of the outermost value; None if the states cannot be read one by one."""
+    """Find all places, state by state; None if the states cannot be read one by one."""
     split = split_states(data)
     if split is None:
         return None
@@ -216,7 +214,7 @@ def _move(place: _Place, start: int, by: int) -> None:
 
 @lru_cache(maxsize=4096)
 def _place_of_state(text: bytes) -> tuple[str, _Key]:
-    """Return the one key in a text, and its place there."""
+    """Find the one key in a text, and its place there."""
     before = b"<plist><dict>"
     root = _places(before + text + b"</dict></plist>")
     _move(root, 0, -len(before))
@@ -225,7 +223,7 @@ def _place_of_state(text: bytes) -> tuple[str, _Key]:
 
 
 def _places(data: bytes) -> _Place:
-    """Return the place of the outermost value."""
+    """Find the place of the outermost value, with all places inside."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
     open_: list[_Place] = []
@@ -260,7 +258,7 @@ def _places(data: bytes) -> _Place:
 
 
 def _written(value: Any, depth: int) -> bytes:
-    """Return a value as plistlib writes it, indented by so many tabs but for its first line."""
+    """Write a value as plistlib does, indented by so many tabs but for its first line."""
     lines = plistlib.dumps(value, sort_keys=False).split(b"\n")[3:-2]
     return (b"\n" + b"\t" * depth).join(lines)
 
@@ -284,13 +282,13 @@ def check_numbers(values: Iterable[float]) -> None:
 
 
 def layout_text(draft: Draft) -> PropertyList | None:
-    """Return the layout; None if the machine is placed automatically, and nothing is to be kept."""
+    """Read the layout; None if the machine is placed automatically, and nothing is to be kept."""
     data = draft.files.get(LAYOUT)
     return PropertyList(data) if data is not None and is_placed(draft.bundle) else None
 
 
 def made_layout(draft: Draft) -> tuple[PropertyList, Bundle]:
-    """Return the layout and the bundle with it; a new one is of where everything is drawn now."""
+    """Read the layout, or make one of where everything is drawn now; add the bundle with it."""
     bundle = draft.bundle
     if not is_placed(bundle):
         draft.put(LAYOUT, layout_to_plist(automatic(bundle)))
@@ -299,7 +297,7 @@ def made_layout(draft: Draft) -> tuple[PropertyList, Bundle]:
 
 
 def number_paths(text: PropertyList, bundle: Bundle, state: str, number: int) -> list[Path]:
-    """Return the paths of a state's transitions; those up to `number` that have none get one."""
+    """List the paths of a state's transitions; those up to `number` that have none get one."""
     paths: list[Path] = [*text.items("States", state, "Transitions")]
     boxes = {box.state: box for box in placed_boxes(bundle)}
     [source] = [each for each in bundle.states if each.name == state]

@@ -47,7 +47,7 @@ _Sides: TypeAlias = tuple[float, float, float, float]
 
 
 def sketch(bundle: Bundle) -> Diagram:
-    """Return the drawing of `bundle`: where its layout has it, or else placed automatically."""
+    """Draw `bundle` where its layout has it, or else placed automatically."""
     if not is_placed(bundle):
         bundle = replace(bundle, layout=automatic(bundle))
     boxes = placed_boxes(bundle)
@@ -70,13 +70,13 @@ def sketch(bundle: Bundle) -> Diagram:
 
 
 def is_placed(bundle: Bundle) -> bool:
-    """Return whether the bundle's layout has any of its states."""
+    """Check that the bundle's layout has any of its states."""
     layout = bundle.layout
     return layout is not None and any(state.name in layout.states for state in bundle.states)
 
 
 def automatic(bundle: Bundle) -> MachineLayout:
-    """Return a layout of all states and transitions in layers; sizes and colours are kept."""
+    """Lay out all states and transitions in layers; sizes and colours are kept."""
     old = bundle.layout.states if bundle.layout else {}
     boxes, edges = automatic_layout(_boxes(bundle), list(_arrows(bundle)))
     states = {}
@@ -90,17 +90,17 @@ def automatic(bundle: Bundle) -> MachineLayout:
 
 
 def placed_boxes(bundle: Bundle) -> list[Box]:
-    """Return the boxes of the states where the layout has them, and others in a row below."""
+    """Place the boxes of the states where the layout has them, and others in a row below."""
     return place_boxes(_boxes(bundle), bundle.layout or MachineLayout())
 
 
 def path_between(source: Box, target: Box) -> TransitionPath:
-    """Return a path for an arrow that has none yet."""
+    """Draw a path for an arrow that has none yet."""
     return _path(_drawn(None, source, target, 0, _LOOP)[0])
 
 
 def _path(curve: Curve) -> TransitionPath:
-    """Return a curve as editors keep it: of one piece."""
+    """Simplify a curve to one piece, as editors keep it."""
     a, b, c, d = (curve[0], curve[1], curve[-2], curve[-1])
     points = [(round(point.x, 1), round(point.y, 1)) for point in (a, d, b, c)]
     return TransitionPath(*points)
@@ -177,7 +177,7 @@ def _sections(state: BundleState, *, python: bool) -> tuple[SectionText, ...]:
 def _drawn(
     path: TransitionPath | None, source: Box, target: Box, beside: int, label: Label
 ) -> tuple[Curve, Label]:
-    """Return the curve and the label of an arrow, of which so many before connect its states."""
+    """Draw an arrow and its label; `beside` others before it connect the same states."""
     curve = None if path is None else given_curve(path, source, target)
     if curve is None and source.state == target.state:
         loops = self_loops(source, [label] * (beside + 1))
@@ -189,7 +189,7 @@ def _drawn(
 
 
 class _Room:
-    """What is drawn, by its sides and in cells, so that a label is compared with little of it."""
+    """The sides of all that is drawn, in cells, so that a label is compared with few of them."""
 
     def __init__(self, boxes: Iterable[Box]):
         self._cells: dict[tuple[int, int], list[_Sides]] = {}

@@ -1,8 +1,9 @@
-"""Edits of a machine's states.
+"""Edits of a machine's states and transitions: of their files, and of all that names them.
 
-The names of states in code: what `state_name` is compared with.
-
-Edits of a machine's transitions; their numbers, which are their order, are in file names.
+A state's name is in the names of its files, in targets, in the layout, and in code that compares
+`state_name` with it. A transition's number, which is its order, is in the names of its files and in
+the layout's list of paths. An edit changes all of these, so that each leaves a bundle that can be
+read.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Edits of a machine's texts: sections, expressions, variables and slots, includes, functions.
 
-The edit that includes what other texts use, such as the types of slots.
+`SetText` is what a user writes. It names the text that it was made from, so that two windows cannot
+overwrite each other. `Include` adds the imports that other texts use, such as the types of slots.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ _OF_MACHINE = ("Includes", "Variables", "Methods")
 
 
 class TextPlace(msgspec.Struct, frozen=True):
-    """Which text of a machine: a section or declaration of a state, or an expression.
+    """The place of a text in a machine: a section or declaration of a state, or an expression.
 
     Without a state, `part` is Includes, Variables (which declare the slots, too) or Methods of the
     machine. With `number`, it is the expression of that transition.
@@ -49,7 +50,7 @@ class SetText(msgspec.Struct, frozen=True, tag="set text", tag_field="edit"):
 
 
 def text_file(draft: Draft, place: TextPlace) -> str:
-    """Return the name of the file that contains a text, whether it exists or not."""
+    """Return the name of a text's file, which need not exist; raise `EditError`."""
     if place.state is None:
         if place.part not in _OF_MACHINE or place.number is not None:
             raise EditError(f"a machine has no text {place.part!r}")
@@ -64,7 +65,7 @@ def text_file(draft: Draft, place: TextPlace) -> str:
 
 
 def text_of(data: bytes) -> str:
-    """Return the text of a file, with lines that end in ``\\n``; a blank one is empty."""
+    """Decode the text of a file, with lines that end in ``\\n``; a blank one is empty."""
     text = data.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     return text if text.strip() else ""
 
@@ -89,7 +90,7 @@ class Include(msgspec.Struct, frozen=True, tag="include", tag_field="edit"):
 
 
 def _with(old: str, new: str) -> str:
-    """Return a text of Python with new statements."""
+    """Add statements to a text of Python."""
     try:
         statements = ast.parse(new).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -122,7 +123,7 @@ def _source(text: str, statement: ast.stmt) -> str:
 
 
 def _gap(text: str, statement: str) -> str:
-    """Return what is between a text and a statement behind it."""
+    """Return the blank lines between a text and a statement behind it."""
     last = text.rpartition("\n")[2]
     if statement.startswith(_BLOCKS) or last[:1].isspace():
         return "\n\n\n" if text else ""
@@ -140,7 +141,7 @@ def _parts(statement: ast.stmt) -> list[ast.stmt]:
 
 
 def _joined(imports: Iterable[ast.stmt]) -> list[str]:
-    """Return the lines of imports of one name each: one line for each module."""
+    """Join imports of one name each to one line for each module."""
     lines: dict[str, str] = {}
     for each in imports:
         module, imported, name = ast.unparse(each).partition(" import ")

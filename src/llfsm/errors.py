@@ -16,9 +16,9 @@ class LlfsmError(Exception):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x' or 'y'?" for at most two similar names, "" if none is similar.
+    """Write the end of an error's message: "; did you mean 'x' or 'y'?", "" if none is similar.
 
-    Case does not count. Error messages end with it.
+    At most two names are suggested, without regard to case.
     """
     from difflib import get_close_matches  # only an error needs it
 
@@ -30,12 +30,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def nearby_file(path: Path) -> str:
-    """Return "; did you mean 'run.mcap'?" for a file that is not there, "" if none is similar."""
+    """Suggest a similar file for one that is not there, as `did_you_mean` does."""
     return "" if path.exists() else did_you_mean(path.name, (f.name for f in path.parent.glob("*")))
 
 
 def nothing_called(name: str, known: Iterable[str]) -> str:
-    """Return the message for a name in code that nothing defines, with what was meant."""
+    """Write the message for a name in code that nothing defines, with a suggestion."""
     from sys import stdlib_module_names
 
     if name in stdlib_module_names:

@@ -18,7 +18,7 @@ _TO = "llfsm.runtime.engine.state.State.to"
 
 
 def plugin(version: str) -> type[Plugin]:
-    """Return the plugin, for mypy to make."""
+    """Return the class of the plugin, as mypy asks a module for it."""
     return _Guards
 
 

@@ -8,8 +8,7 @@ import sys
 import pytest
 
 from calling import own_logging
-from llfsm.cli.console import log_to_console
-from llfsm.cli.run.report import log_machines
+from llfsm.cli.console import log_machines, log_to_console
 
 Capture = pytest.CaptureFixture[str]
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from llfsm.cli.dap.framing import MessageStream, ProtocolError
+from llfsm.cli.dap.framing import MessageStream
+from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, write_bundle
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Slot, Whiteboard
@@ -250,7 +251,7 @@ def test_what_cannot_be_done_is_refused(
     "data", [b"hello\r\n\r\n", b"Content-Length: 2\r\n\r\n{]", b"Content-Length: 1\r\n\r\n1"]
 )
 def test_what_is_no_message_is_an_error(data: bytes) -> None:
-    with pytest.raises(ProtocolError, match="a message came"):
+    with pytest.raises(LlfsmError, match="a message came"):
         MessageStream(BytesIO(data), BytesIO()).receive()
     assert MessageStream(BytesIO(b"Content-Length: 9\r\n\r\n{}"), BytesIO()).receive() is None
 

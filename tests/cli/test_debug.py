@@ -12,7 +12,7 @@ import pytest
 
 from llfsm.cli.debug.prompt import LivePrompt
 from llfsm.cli.debug.session import Session
-from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.machines import parse_arguments
 from llfsm.errors import LlfsmError
 from llfsm.runtime import ManualClock
 from llfsm.runtime.presence.live import LiveEnvironment

@@ -7,7 +7,8 @@ import signal
 
 import pytest
 
-from llfsm.cli.demo.processes import ProcessDiedError, Processes
+from llfsm.cli.demo.parts import Processes
+from llfsm.errors import LlfsmError
 from waiting import wait_for
 
 from .conftest import alive
@@ -58,7 +59,7 @@ def test_all_end_with_the_block(board: str) -> None:
 def test_what_fails_soon_after_its_start_ends_all_with_its_words() -> None:
     with Processes(restart=True) as processes:
         processes.start("machine", "run", "Nobody")
-        with pytest.raises(ProcessDiedError, match=r"(?s)the machine ended with 2\n.*'Nobody'"):
+        with pytest.raises(LlfsmError, match=r"(?s)the machine ended with 2\n.*'Nobody'"):
             reported(processes)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calling import call, modules_forgotten
-from llfsm.cli.demo.command import Threads
+from llfsm.cli.demo.parts import Threads
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.whiteboard import Whiteboard
 from waiting import wait_for

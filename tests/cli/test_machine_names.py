@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from llfsm.cli.machine_names import MachineImportError, find_machine_class
+from llfsm.cli.machines import MachineImportError, find_machine_class
 
 ONE = """
 from llfsm.runtime import Machine, State

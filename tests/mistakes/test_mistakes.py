@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from calling import own_logging
-from llfsm.cli.machine_names import find_machine_class
+from llfsm.cli.machines import find_machine_class
 from llfsm.cli.root import main
 from llfsm.runtime import Arrangement, ExecutionError, ManualClock
 from llfsm.whiteboard import Slot, Whiteboard

@@ -1,4 +1,4 @@
-"""``llfsm check``: what is wrong with machines, as far as their text shows it."""
+"""``llfsm check``: find mistakes in machines, as far as their text shows them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from pathlib import Path
 
 import click
 
-from llfsm.cli.machine_names import (
+from llfsm.cli.machines import (
     MachineImportError,
     find_bundle,
     find_machine_class,
+    parse_arguments,
     search_modules_in,
-    with_called_bundles,
 )
-from llfsm.cli.run.arguments import parse_arguments
 from llfsm.errors import LlfsmError
 from llfsm.runtime.checking import (
     Finding,
@@ -25,6 +24,7 @@ from llfsm.runtime.checking import (
     check_class,
     check_types,
 )
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
@@ -78,12 +78,12 @@ def _check_file(file: Path) -> list[Finding]:
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan)
-    called = with_called_bundles(resolved.classes) if resolved.plan.breakpoints else {}
+    called = callable_machines(resolved.classes) if resolved.plan.breakpoints else {}
     return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes, called)
 
 
 def _check_verification(file: Path, plan: Plan) -> list[Finding]:
-    """Check what a file says of verification: the names and the domains, not the properties."""
+    """Check the section on verification of a file: names and domains, not the properties."""
     if plan.verify is None:
         return []
     from llfsm.cli.verify import VerifiedMachines  # which takes a moment to import
@@ -110,7 +110,7 @@ def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:
 
 
 def _readable(names: Sequence[str]) -> Iterator[Path | type[Machine]]:
-    """Return the machines, one by one, that can be read; why others cannot was found before."""
+    """Give the machines that can be read; why others cannot was found before."""
     for name in names:
         planned = _planned(Path(name)) if name.endswith(".toml") else [(name, (Path(),))]
         for definition, folders in planned:
@@ -133,6 +133,6 @@ def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Findi
 
 
 def _shown(file: str) -> str:
-    """Return a path in the current folder relative to it, another as it is."""
+    """Shorten a path in the current folder; return another as it is."""
     path, here = Path(file), Path.cwd()
     return str(path.relative_to(here)) if path.is_relative_to(here) else file

@@ -1,22 +1,19 @@
-"""Where commands log to.
-
-Signals that come while a command ends already.
-"""
+"""The process of a command: where it logs to, and how signals end it, also while it ends."""
 
 from __future__ import annotations
 
 import logging
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from types import FrameType
 
 
 def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -> None:
-    """Log the texts of messages from `level` on, by default to standard error.
+    """Log the texts of messages from `level` on to `handlers`, by default to standard error.
 
-    `handlers` log them elsewhere. If the console `is_on` is false, as ROS's arguments may say,
-    nothing is logged.
+    Nothing is logged if the console `is_on` is false, as ROS's arguments may say.
     """
     used = handlers or (logging.StreamHandler(),)
     if not is_on:
@@ -24,8 +21,16 @@ def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -
     logging.basicConfig(level=level, format="%(message)s", handlers=used)
 
 
+def log_machines(*, is_on: bool) -> None:
+    """Log messages of machines to standard output, warnings and errors to standard error."""
+    messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    messages.addFilter(lambda record: record.levelno < logging.WARNING)
+    problems.setLevel(logging.WARNING)
+    log_to_console(logging.INFO, messages, problems, is_on=is_on)
+
+
 SIGNALS = ("SIGINT", "SIGTERM")
-"""What a stop's cause is called if it was one of these signals."""
+"""The causes of a stop that are a user's or a supervisor's request, by their names."""
 
 
 def ending_once(
@@ -33,12 +38,12 @@ def ending_once(
     is_ending: Callable[[], bool],
     may_interrupt: Callable[[], bool] = lambda: True,
 ) -> None:
-    """Call `do`, whose end a second SIGINT may cut short where it `may_interrupt`.
+    """Call `do`; let a second SIGINT cut its end short while it `may_interrupt`.
 
     A terminal and `ros2 launch` each send one for the same Ctrl-C, so the second must not change
-    the status. `is_ending` returns whether the end has begun, or a signal has asked for it. Once
-    this is so, SIGINT is ignored for the rest of the process, whose exit would else be interrupted.
-    Only the main thread can do this: elsewhere `do` is called, and nothing else done.
+    the exit status. `is_ending` is asked if the end has begun, or a signal has requested it. From
+    then on SIGINT is ignored for the rest of the process, whose exit it would interrupt. In other
+    threads than the main one, which cannot handle signals, `do` is called and nothing else done.
     """
     if threading.current_thread() is not threading.main_thread():
         do()

@@ -1,7 +1,4 @@
-"""``llfsm convert``: a machine class as a bundle, or a bundle as a class.
-
-``llfsm import``: a bundle of C++ as one of Python.
-"""
+"""``llfsm convert``, a class to a bundle or back, and ``llfsm import``, from C++ to Python."""
 
 from __future__ import annotations
 
@@ -10,12 +7,11 @@ from pathlib import Path
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
     SUFFIX,
     UNTRANSLATED,
-    Bundle,
     Fragment,
     import_bundle,
     read_bundle,
@@ -41,19 +37,11 @@ def import_(bundle: Path, output: Path, force: bool) -> None:
     folder = output / f"{source.name}{SUFFIX}"
     write_bundle(import_bundle(source), folder, replace=force)
     click.echo(f"wrote {folder}")
-    marks = [mark for fragment in _fragments(read_bundle(folder)) for mark in _marks(fragment)]
+    marks = [mark for _, _, text in read_bundle(folder).texts() for mark in _marks(text)]
     if marks:
         click.echo(f"{len(marks)} to translate by hand before it runs:")
     for mark in marks:
         click.echo(f"  {mark}")
-
-
-def _fragments(bundle: Bundle) -> Iterator[Fragment]:
-    yield from filter(None, (bundle.variables, bundle.methods))
-    for state in bundle.states:
-        yield from filter(None, (state.variables, state.methods))
-        yield from state.sections.values()
-        yield from filter(None, (transition.expression for transition in state.transitions))
 
 
 def _marks(fragment: Fragment) -> Iterator[str]:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
-from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.machines import find_bundle, find_machine_class, parse_arguments
 from llfsm.runtime.bundles import outline, read_bundle
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import directory_option, end_with_input, until_eof_option
 from llfsm.cli.view import page_options, serve
 from llfsm.errors import LlfsmError
@@ -28,9 +28,9 @@ _HERE: Final = (Path(),)
 
 
 class _Edit(click.Command):
-    """Explains how to listen elsewhere: many servers call it --host, here it means another.
+    """Suggest --address for --host, as many servers call it.
 
-    As in `llfsm view --host robot7`, that is a host of the fleet.
+    In `llfsm view --host robot7` it is a host of the fleet.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

@@ -1,9 +1,4 @@
-"""The options and arguments that several commands share, and what ``--until-eof`` does.
-
-Numbers as options take them, which may be limited to a range.
-
-An error calls them what users do: click speaks of an "integer range", also where there is none.
-"""
+"""The options and arguments that several commands share, and what ``--until-eof`` does."""
 
 from __future__ import annotations
 
@@ -24,13 +19,16 @@ from llfsm.whiteboard.mirror.naming import require_host_name
 
 
 class Integer(click.IntRange):
-    """A whole number."""
+    """A whole number, within a range if one is given.
+
+    Errors call it so: click speaks of an "integer range", also where there is none.
+    """
 
     name = "integer"
 
 
 class Number(click.FloatRange):
-    """A number."""
+    """A number, within a range if one is given."""
 
     name = "number"
 
@@ -45,18 +43,18 @@ directory_option = click.option(
 
 
 class BoardPlace(NamedTuple):
-    """A whiteboard as a command line names it; it may not exist."""
+    """The name and the folder of a whiteboard, which may not exist."""
 
     name: str
     directory: str
 
     def open(self, *, create: bool = True) -> Whiteboard:
-        """Open the whiteboard, or make it; raise :class:`.BoardNotFoundError` if not to be made."""
+        """Open the whiteboard, or make it; without `create`, raise :class:`.BoardNotFoundError`."""
         return Whiteboard(self.name, directory=self.directory, create=create)
 
     @contextmanager
     def opened(self) -> Iterator[Whiteboard]:
-        """Open the whiteboard, or make it; if an error follows, one made here without use goes."""
+        """Open the whiteboard, or make it; after an error, remove a new one that was not used."""
         try:
             wb, made = self.open(create=False), False
         except BoardNotFoundError:
@@ -113,6 +111,14 @@ local_option = click.option(
     help="Use a whiteboard private to this process, which needs no shared memory.",
 )
 
+record_option = click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
+)
+
 recording_argument = click.argument("file", type=click.Path(path_type=Path))
 
 host_option = click.option(
@@ -127,7 +133,7 @@ fleet_option = click.option("--fleet", is_flag=True, help="All hosts of the flee
 
 
 def checked_host(value: str) -> str:
-    """Return the name of a host; raise ``click.BadParameter`` for what cannot be one."""
+    """Return the name of a host; raise ``click.BadParameter`` for a text that cannot be one."""
     try:
         if value:
             require_host_name(value)
@@ -171,7 +177,7 @@ def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the option for the folder in which to make `what`."""
+    """Return the option ``--output``: the folder in which to make `what`, named in its help."""
     return click.option(
         "-o",
         "--output",
@@ -183,9 +189,9 @@ def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any
 
 
 def given_option(*names: str) -> str | None:
-    """Return the first of the command's parameters that its command line gives, as written there.
+    """Return the first of these parameters that the command line gives, as written there.
 
-    `names` are those of the parameters to look at.
+    None if it gives none. Errors name it as an option to leave out.
     """
     context = click.get_current_context()
     for parameter in context.command.params:

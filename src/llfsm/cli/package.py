@@ -18,7 +18,7 @@ from xml.sax.saxutils import escape
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import read_bundle, require_python
@@ -142,7 +142,7 @@ def package(machine: str, output: Path) -> None:
 
 
 def package_name(machine: str, module: str = "") -> str:
-    """Return the name of a machine's package: lower case, digits, single underscores (REP 144).
+    """Make the name of a machine's package: lower case, digits, single underscores (REP 144).
 
     ``_machine`` is appended to a name of one letter, to one that Python or ROS uses and to that of
     the ``module`` from which the machine is imported. Raise `PackageError` if the name has no

@@ -1,9 +1,4 @@
-"""``llfsm ps``: the running machines of all processes.
-
-A board and its machines as tables on the terminal, polled from the whiteboard.
-
-``llfsm top``: a whiteboard and its machines on the terminal, refreshed until Ctrl-C.
-"""
+"""``llfsm ps`` and ``llfsm top``: whiteboards and their machines as tables on the terminal."""
 
 from __future__ import annotations
 
@@ -37,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Listing(NamedTuple):
-    """What `ps` shows of one whiteboard."""
+    """The machines of one whiteboard, as `ps` lists them."""
 
     board: str
     machines: list[RemoteMachine]
@@ -121,7 +116,7 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
 
 
 def _none(board: BoardPlace, *, every: bool, fleet: bool, host: str) -> str:
-    """Return where no machine runs, and how to start one."""
+    """Return the sentence for an empty list, with the command that starts a machine."""
     if every:
         return "no machine runs on a whiteboard of this host; start one: llfsm run MACHINE"
     where = f" of host {host}" if host else " of any host" if fleet else ""
@@ -130,7 +125,7 @@ def _none(board: BoardPlace, *, every: bool, fleet: bool, host: str) -> str:
 
 
 def listings(places: Iterable[BoardPlace]) -> list[Listing]:
-    """Return the machines on whiteboards.
+    """List the machines on whiteboards.
 
     A whiteboard that no longer exists is skipped; one that cannot be read is reported on standard
     error.
@@ -158,7 +153,7 @@ def _listing(place: BoardPlace, *, fleet: bool = False, host: str = "") -> Listi
 
 
 def shown_of(board: Board, host: str, *, fleet: bool = False) -> Shown:
-    """Return what is shown of a board; raise as `require_host` does."""
+    """Select the slots of a board to show, by host or for the fleet; raise as `require_host`."""
     shown = Shown(board, host, fleet=fleet)
     if shown.fleet is not None:
         require_host(shown.fleet)
@@ -166,7 +161,7 @@ def shown_of(board: Board, host: str, *, fleet: bool = False) -> Shown:
 
 
 def require_host(fleet: FleetReader) -> None:
-    """Wait for what is read; raise ``click.ClickException`` for a host that cannot be."""
+    """Wait until hosts are read; raise ``click.ClickException`` for one that cannot be."""
     fleet.settle()
     problem = fleet.problem()
     if problem:
@@ -188,7 +183,7 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
 
 
 def _overrides(machine: RemoteMachine) -> dict[str, float | None]:
-    """Return the overridden sensors, with the seconds that are left of each."""
+    """Return the overridden sensors, with the seconds that are left of each; None for no end."""
     silent_s = machine.silent_s
     return {
         sensor: _left_s(left_s, silent_s)
@@ -271,7 +266,7 @@ class SlotRow(NamedTuple):
 
 
 class Watcher:
-    """Poll everything on a board that is shown; by default all."""
+    """Poll the slots and machines of a board that are `shown`, by default all."""
 
     def __init__(self, board: Board, shown: Shown | None = None) -> None:
         self._directory = Directory(board)
@@ -287,7 +282,7 @@ class Watcher:
         return [each for each in found if self._shown.has(status_slot(each.name).name)]
 
     def pose(self) -> Pose | None:
-        """Return the pose of turtle1, and add it to the trail."""
+        """Return the pose of turtle1, if there is one, and add it to the trail."""
         self._poller.poll()
         slot = self._poller.slots.get("turtle1/pose")
         if slot is None or slot.sample is None:
@@ -318,7 +313,7 @@ class Watcher:
 
 
 def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
-    """Return machines with their states; `wide` adds the columns of `llfsm ps`."""
+    """Make a table of machines and their states; `wide` adds the columns of `llfsm ps`."""
     from rich.table import Table
     from rich.text import Text
 
@@ -346,7 +341,7 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
 
 
 def slot_table(slots: Iterable[SlotRow], *, wide: bool = False) -> RenderableType:
-    """Return slots with their values; `wide` adds their age and writer."""
+    """Make a table of slots and their values; `wide` adds their age and writer."""
     from rich.table import Table
     from rich.text import Text
 
@@ -366,7 +361,7 @@ def slot_table(slots: Iterable[SlotRow], *, wide: bool = False) -> RenderableTyp
 
 
 def turtle_field(watcher: Watcher, pose: Pose) -> str:
-    """Return the field of turtle1 as lines of text: its pose and its trail."""
+    """Draw the field of turtle1 as lines of text: its pose and its trail."""
     rows = [[" "] * _COLUMNS for _ in range(_ROWS)]
     for column, row in watcher.trail:
         rows[row][column] = "·"

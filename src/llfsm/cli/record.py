@@ -1,4 +1,4 @@
-"""``llfsm record``: a whiteboard and its machines in a file."""
+"""``llfsm record``: record a whiteboard and its machines to a file."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _writer(output: Path, about: dict[str, str], cdr: bool) -> RecordingWriter:
 
 
 def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalRecorder | None:
-    """Return the receiver of the machines' events, or print why there cannot be one."""
+    """Open the receiver of the machines' events; print why if there cannot be one."""
     try:
         receiver = JournalRecorder(board, writer)
     except BoardClosedError:

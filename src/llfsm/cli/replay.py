@@ -1,4 +1,4 @@
-"""``llfsm replay``: the messages of a recording on a whiteboard."""
+"""``llfsm replay``: replay the messages of a recording to a whiteboard."""
 
 from __future__ import annotations
 

@@ -1,8 +1,11 @@
-"""``llfsm suspend``, ``resume``, ``restart``, ``reload``, ``stop``: requests to any machine.
+"""Commands that ask something of running machines, whichever process runs them.
 
-``llfsm why``: the transitions of a machine's state, with the values that their guards see.
+``suspend``, ``resume``, ``restart``, ``reload`` and ``stop`` are for one machine; ``pause``,
+``step`` and ``continue`` for all of its process; ``override`` for a sensor; ``why`` only asks.
 
-``llfsm pause``, ``step`` and ``continue``, for all machines of a process, and ``override``.
+A request is a message in the machine's request slot, of which only the latest is read. Each command
+therefore waits until an earlier one is obeyed, and then for the status that shows its own effect:
+a machine that is stopped or silent is reported, never assumed to obey.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ _LOADING_S = 60.0  # a bundle may include what takes long to import
 
 
 class _Outcome(NamedTuple):
-    """What holds of a machine once it has done what an action requests."""
+    """The status of a machine that has carried out an action, and the text that confirms it."""
 
     loaded: bool
     suspended: bool
@@ -60,9 +63,9 @@ _OUTCOMES: dict[Action, _Outcome] = {
 
 
 def carry_out(board: Board, name: str, action: Action, *, patience_s: float | None = None) -> str:
-    """Request `action` of a machine and wait until it has taken effect.
+    """Request `action` of a machine, wait until it has taken effect, and return its state then.
 
-    Return the state it is in then, "" if it has ended. Raise `UnknownMachineError` if there is no
+    The state is "" if it has ended. Raise `UnknownMachineError` if there is no
     such machine, and ``click.ClickException`` if it does not obey within `patience_s` seconds (by
     default `PATIENCE_S`), refuses to or ends instead.
     """
@@ -92,7 +95,7 @@ def carry_out(board: Board, name: str, action: Action, *, patience_s: float | No
 
 
 def _command(action: Action, text: str) -> click.Command:
-    """Return the command for an action; `text` begins its help."""
+    """Make the command for an action; `text` begins its help."""
 
     @click.command(action, help=f"{text}\n\n\b\nllfsm {action} RosPingPong\n")
     @click.argument("machine")
@@ -146,7 +149,10 @@ def why(machine: str, board: BoardPlace) -> None:
 
 
 def fetch_why(board: Board, machine: str) -> MachineWhy:
-    """Have a machine publish why it is in its state; raise ``click.ClickException`` if not soon."""
+    """Have a machine publish why it is in its state, and return that.
+
+    Raise ``click.ClickException`` if it has not answered after `PATIENCE_S` seconds.
+    """
     slot, until = board[why_slot(machine)], time.monotonic() + PATIENCE_S
     names, before = HostNames(board), slot.count
     while time.monotonic() < until:
@@ -158,7 +164,7 @@ def fetch_why(board: Board, machine: str) -> MachineWhy:
 
 
 def why_lines(why: MachineWhy) -> Iterator[str]:
-    """Yield what is printed of a machine."""
+    """Give the lines that `llfsm why` prints of a machine."""
     if why.source:
         yield f"it has {'failed in' if why.failed else 'left'} {why.source}:"
         yield from _table(why.before)
@@ -183,7 +189,7 @@ def _table(transitions: Iterable[SeenTransition]) -> Iterator[str]:
 
 
 def cause_value(value: bool | None, seen: str) -> str:
-    """Return how the value of a transition is shown."""
+    """Return the word for a transition's value: "-" if not evaluated, "?" if that is impossible."""
     if value is None:
         return "-" if seen == NOT_EVALUATED else "?"
     return "true" if value else "false"

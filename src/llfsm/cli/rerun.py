@@ -1,8 +1,7 @@
-"""``llfsm rerun``: machines run again on the inputs of a recording.
+"""``llfsm rerun``: run machines again on the inputs of a recording, or on the topics of a bag.
 
-The machines of a recording, with the code that is to run in their places.
-
-``llfsm rerun`` of a bag: machines run on its topics.
+A recording names the definitions and the folder of its machines. To run them is to trust whoever
+wrote the file, so that needs ``--trust``; else the user names the machines to run in their places.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ from llfsm.bridges.recording.reversing.client import Client, start_client
 from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.machine_config import used_slots
 from llfsm.cli.bridge.configured import Configured
-from llfsm.cli.machine_names import with_called_bundles
+from llfsm.cli.machines import ResolvedPlan, parse_arguments
 from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option
-from llfsm.cli.run.arguments import ResolvedPlan, parse_arguments
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, assemble
 from llfsm.runtime.verification import Member
 
@@ -36,7 +35,7 @@ from llfsm.runtime.verification import Member
 def plans_to_rerun(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> list[tuple[RecordedJournal, ResolvedPlan]]:
-    """Return each arrangement that can be run again; `machines` take the recorded ones' places.
+    """Find the arrangements of a recording that can be rerun; `machines` replace the recorded ones.
 
     Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
     `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
@@ -47,7 +46,7 @@ def plans_to_rerun(
 def plan_of_one(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> tuple[RecordedJournal, ResolvedPlan]:
-    """Return the only arrangement, or that whose machines have the names of `machines`.
+    """Find the only arrangement, or the one whose machines have the names of `machines`.
 
     Raise what `plans_to_rerun` raises.
     """
@@ -72,7 +71,7 @@ def reverse_debugging(
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
 ) -> Client:
-    """Return what goes through a recording, with the machines of a plan, as `start_client` does."""
+    """Open the machines of a plan for reverse debugging in a recording, as `start_client` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
@@ -80,8 +79,14 @@ def reverse_debugging(
         assemble(plan, resolved.classes, rerun.environment, library=library)
         return rerun
 
-    library = with_called_bundles(resolved.classes)
+    _log_no_failures()
+    library = callable_machines(resolved.classes)
     return start_client(again, library, recording.span_ns[0], serve, read_line)
+
+
+def _log_no_failures() -> None:
+    """Log no late turns and failures again, which were reported at the time of the recording."""
+    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
 
 
 def _resolve(
@@ -134,7 +139,7 @@ def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
 
 
 def _folder(journal: RecordedJournal) -> Path:
-    """Return the folder in which the machines were started."""
+    """Return the folder in which the machines were started, as the recording names it."""
     return Path(journal.about.get("folder", ""))
 
 
@@ -149,9 +154,10 @@ def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMach
 
 
 def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | None) -> None:
-    """Run machines, named as for `llfsm run`, and write what they do to the file `recorded`.
+    """Run machines, named as for `llfsm run`, on a bag's topics; compare what they post with it.
 
-    Raise ``click.ClickException`` with the first message that they post otherwise than in the bag.
+    What they do is written to the file `recorded`, if any. Raise ``click.ClickException`` with the
+    first message that they post otherwise than in the bag.
     """
     if not machines:
         raise click.UsageError(
@@ -230,8 +236,7 @@ def rerun(
     llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol --compare posts
     llfsm rerun bag.mcap my_robot.patrol:Patrol --config bridge.toml --record run.mcap
     """
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
+    _log_no_failures()
     recording = Recording(file, BagTopics(Configured.read(config).config))
     if recording.is_bag:
         if events := given_option("trust", "compare"):

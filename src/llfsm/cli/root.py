@@ -1,13 +1,11 @@
-"""The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
+"""The command line's root: ``llfsm``, its groups, and ``clfsm`` as another name for ``llfsm run``.
 
-Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm, and each of a
-file that cannot be reached, is handled here: one line on standard error and exit status 1, or its
-traceback with ``--debug``.
-
-Groups whose commands are imported when they are called, so that ``--help`` is fast.
-
-The table of a group names each command as ``module:function``, which no type checker sees:
+A group is a table of commands, which are imported when they are called, so that ``--help`` is fast.
+The table names each command as ``module:function``, which no type checker sees:
 tests/cli/test_lazy.py resolves every row.
+
+Every error of llfsm, and each of a file that cannot be reached, is handled here: one line on
+standard error and exit status 1, or its traceback with ``--debug``.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ _COMMANDS = {
     ),
     "stop": ("llfsm.cli.requests:stop", "Stop a running machine."),
     "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
-    "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),
+    "dap": ("llfsm.cli.dap.adapter:dap", "Let an editor debug machines."),
     "pause": ("llfsm.cli.requests:pause", "Pause running machines between two turns."),
     "step": ("llfsm.cli.requests:step", "Let paused machines go on for a turn, or further."),
     "continue": ("llfsm.cli.requests:continue_", "Let paused machines go on."),

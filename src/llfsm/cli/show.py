@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.runtime.bundles import Bundle, Fragment, read_bundle
 from llfsm.runtime.bundles.cpp import without_comments
 from llfsm.runtime.converting.class_process import declared_lines

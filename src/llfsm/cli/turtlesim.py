@@ -1,4 +1,4 @@
-"""``llfsm turtlesim``: the simulator as a process, on a whiteboard or as a ROS 2 node."""
+"""``llfsm turtlesim``: simulate turtles in this process, on a whiteboard or as a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def turtlesim(
 
 
 def draw_field(simulator: Simulator, picture: Path) -> tuple[Path, ...]:
-    """Draw the field into the file, or into what this installation can draw; return what it is."""
+    """Draw the field to `picture`, or without a suffix to each format at hand; return the files."""
     if not picture.suffix and importlib.util.find_spec("PIL") is None:
         picture = picture.with_suffix(".svg")
     return draw(simulator, picture)

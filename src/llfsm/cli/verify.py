@@ -19,9 +19,8 @@ import click
 import msgspec
 from msgspec.structs import replace
 
-from llfsm.cli.machine_names import find_object
+from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.cli.options import Integer, Number
-from llfsm.cli.run.arguments import ResolvedPlan, parse_arguments
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification

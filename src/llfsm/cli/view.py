@@ -1,6 +1,8 @@
-"""``llfsm view``: a whiteboard and its machines, live, on a page in the browser.
+"""``llfsm view``, and the server of every page: its options, its token and its address.
 
-A page in the browser: its server, its options, its token and its address.
+The token lets only this user's browser in. It is never on a command line, which other users of the
+host can list: programs pass it by an environment variable, and the browser is opened by a private
+file that leads to the address.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
 
 
 VIEW_PORT = 8420
-"""The port by default."""
+"""The TCP port of a page by default."""
 
 TOKEN_VARIABLE = "LLFSM_VIEW_TOKEN"
 """The environment variable with the page's token: unlike an option, no other user can list it."""
@@ -54,7 +56,7 @@ _REDIRECT = "<!doctype html><meta http-equiv=refresh content='0; url={}'>"
 
 
 def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a command that serves a page."""
+    """Add the options of a command that serves a page: where it listens, and who opens it."""
     for option in (
         click.option("--no-open", is_flag=True, help="Do not open the browser."),
         click.option(
@@ -75,9 +77,10 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def serve(
     make_app: Callable[[str], ASGIApp], what: str, *, host: str, port: int, open_page: bool
 ) -> None:
-    """Serve the application that `make_app` returns for a token, until SIGINT or SIGTERM.
+    """Serve the application that `make_app` makes for a token, until SIGINT or SIGTERM.
 
-    `what` it shows is printed with its address.
+    `what` it shows is printed with its address. `host` is the address to listen on. Raise
+    ``click.ClickException`` if that is impossible, or if a library for pages is missing.
     """
     token = page_token()
     server = make_server(make_app, token)
@@ -98,7 +101,10 @@ def serve(
 
 
 def make_server(make_app: Callable[[str], ASGIApp], token: str) -> Server:
-    """Return the server of the application that `make_app` returns for a token."""
+    """Make the server of the application that `make_app` makes for a token.
+
+    Raise ``click.ClickException`` if a library for pages is missing.
+    """
     try:
         import uvicorn
 
@@ -112,7 +118,7 @@ def make_server(make_app: Callable[[str], ASGIApp], token: str) -> Server:
 
 
 def page_token() -> str:
-    """Return ``$LLFSM_VIEW_TOKEN``, or a new token; an empty one is a ``click.ClickException``."""
+    """Return ``$LLFSM_VIEW_TOKEN``, else a new token; raise ``click.ClickException`` if empty."""
     token = os.environ.get(TOKEN_VARIABLE)
     if token is None:
         return secrets.token_urlsafe(16)
@@ -125,7 +131,7 @@ def page_token() -> str:
 
 @contextmanager
 def _opened(address: str) -> Iterator[None]:
-    """Open the address in the browser, by a private file: other users can list its command line."""
+    """Open the address in the browser, by a private file that exists as long as the block runs."""
     with tempfile.NamedTemporaryFile("w", prefix="llfsm-view-", suffix=".html") as file:
         file.write(_REDIRECT.format(address))
         file.flush()
@@ -135,7 +141,7 @@ def _opened(address: str) -> Iterator[None]:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket, or raise ``click.ClickException``."""
+    """Listen on an address and a port, 0 for a free one; raise ``click.ClickException``."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -147,7 +153,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def page_address(host: str, port: int, token: str) -> str:
-    """Return the address to open in a browser."""
+    """Return the address to open in a browser, with the token in it."""
     wildcard = host in ("0.0.0.0", "::", "")  # every address of this host: name it
     name = socket.gethostname() if wildcard else host
     name = f"[{name}]" if ":" in name else name
@@ -235,7 +241,7 @@ def view(
 
 
 def _host(value: str) -> str:
-    """Return the name of a host; raise ``click.BadParameter`` for what cannot be one here."""
+    """Check the name of a host; an IP address, for which servers have --host, is refused."""
     with suppress(ValueError):
         ipaddress.ip_address("127.0.0.1" if value == "localhost" else value)
         raise click.BadParameter(f"it names a host of the fleet; to listen, use --address {value}")
@@ -269,8 +275,6 @@ def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explain
     from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
     from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
     # Its processes are forked from this one, before that has threads and connections.

@@ -1,7 +1,4 @@
-"""``llfsm whiteboard daemon`` and ``status``: one whiteboard on several hosts.
-
-``llfsm whiteboard list``, ``get``, ``add``, ``watch`` and ``rm``.
-"""
+"""``llfsm whiteboard``: list, read, write and remove whiteboards, and mirror one between hosts."""
 
 from __future__ import annotations
 
@@ -258,7 +255,7 @@ def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
 
 
 def _located(error: NetworkError, config: Path | None, flags: dict[str, object]) -> LlfsmError:
-    """Return the error with the place in the file where the wrong setting is, if it is there."""
+    """Name the line of the file that has the wrong setting, if it is there, in the error."""
     setting = error.setting
     if config is None or not setting or flags.get(str(setting[0])):
         return error

@@ -1,37 +1,39 @@
-"""The adapter between an editor and a session: requests of the protocol, and its events.
+"""``llfsm dap``: the adapter between an editor and a session, by the Debug Adapter Protocol.
 
-An arrangement is one thread.
+An arrangement is one thread of the protocol. One thread of ours reads requests and answers them;
+another waits for pauses, which a breakpoint or another process may cause at any time, and notifies
+the editor. The events of a request are sent after its response, as editors expect: see `_follow`.
 https://microsoft.github.io/debug-adapter-protocol/specification
 """
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable
+from contextlib import ExitStack, redirect_stdout, suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from llfsm.cli.dap.framing import Message, MessageStream, ProtocolError
+from llfsm.cli.dap.framing import Message, MessageStream
 from llfsm.cli.dap.inspection import Inspection, breakpoints_at
 from llfsm.cli.debug.session import Session, clock_of
-from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.run.running import place_of_call
 from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
-from llfsm.runtime.debugging.breakpoints import machines_beside
 from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.debugger import Debugger, Step
-    from llfsm.runtime.engine.machine import Machine
 
 
 _THREAD: Final = 1
@@ -94,7 +96,7 @@ class Adapter:
         }
 
     def serve(self) -> None:
-        """Answer requests until the editor disconnects, or is gone. Raise `ProtocolError`."""
+        """Answer requests until the editor disconnects, or is gone; raise as `receive` does."""
         with self._stack:
             self._stack.callback(self._watch_end)
             while not self._over and (request := self._stream.receive()) is not None:
@@ -118,7 +120,7 @@ class Adapter:
         try:
             handler = self._handlers.get(command)
             if handler is None:
-                raise ProtocolError(f"this adapter has no request {command!r}")
+                raise LlfsmError(f"this adapter has no request {command!r}")
             body = handler(arguments)
         except Exception as error:  # also of a request that is wrong, or of code of a machine
             is_ours = isinstance(error, LlfsmError | click.ClickException)
@@ -135,7 +137,7 @@ class Adapter:
         self._follow(command)
 
     def _follow(self, command: str) -> None:
-        """Do what a request is for whose response has to come before the events of that."""
+        """Carry out a request whose response has to come before the events that it causes."""
         if command in _STEPS:
             self._go_on(lambda debugger: debugger.step(_STEPS[command]))
         match command:
@@ -160,7 +162,7 @@ class Adapter:
 
     def _initialize(self, arguments: Message) -> Message:
         if not arguments.get("linesStartAt1", True) or arguments.get("pathFormat") == "uri":
-            raise ProtocolError("this adapter counts lines from 1, and takes paths, not URIs")
+            raise LlfsmError("this adapter counts lines from 1, and takes paths, not URIs")
         return _CAPABILITIES
 
     # The machines
@@ -170,12 +172,12 @@ class Adapter:
         if given is None:
             given = [arguments["program"]] if "program" in arguments else []
         if self._session is not None or not isinstance(given, list):
-            raise ProtocolError("launch one arrangement: `machines` is a list of them, or a file")
+            raise LlfsmError("launch one arrangement: `machines` is a list of them, or a file")
         folder = str(arguments.get("cwd") or ".")
         try:
             os.chdir(folder)
         except OSError as error:
-            raise ProtocolError(f"`cwd`: {folder}: {error.strerror}") from error
+            raise LlfsmError(f"`cwd`: {folder}: {error.strerror}") from error
         resolved = parse_arguments([str(each) for each in given], None, (), ())
         plan, board = resolved.plan, arguments.get("board")
         wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
@@ -189,13 +191,13 @@ class Adapter:
     @property
     def _launched(self) -> Session:
         if self._session is None:
-            raise ProtocolError("no machines were launched yet")
+            raise LlfsmError("no machines were launched yet")
         return self._session
 
     def _inspect(self) -> Inspection:
-        """Return what answers for this pause; raise `ProtocolError` while the machines run."""
+        """Return the inspection of this pause; raise `LlfsmError` while the machines run."""
         if not self._launched.debugger.paused or self._inspection is None:
-            raise ProtocolError("the machines run: pause them first")
+            raise LlfsmError("the machines run: pause them first")
         return self._inspection
 
     def _start(self, arguments: Message) -> None:
@@ -266,7 +268,7 @@ class Adapter:
     def _set_breakpoints(self, arguments: Message) -> Message:
         file = str(arguments.get("source", {}).get("path", ""))
         texts, answers = [], []
-        machines = self._machines
+        machines = self._launched.library
         for wanted in arguments.get("breakpoints") or ():
             line = int(wanted.get("line", 0))
             places = breakpoints_at(machines, file, line)
@@ -286,12 +288,6 @@ class Adapter:
         self._break()
         return {"breakpoints": answers}
 
-    @property
-    def _machines(self) -> Mapping[str, type[Machine]]:
-        """The machines, and those that they may call, by name."""
-        library = self._launched.library
-        return {**machines_beside(library.values()), **library}
-
     def _set_function_breakpoints(self, arguments: Message) -> Message:
         self._functions, answers = [], []
         for wanted in arguments.get("breakpoints") or ():
@@ -305,11 +301,11 @@ class Adapter:
 
     def _set_exception_breakpoints(self, arguments: Message) -> None:
         wanted = _FAILURES in (arguments.get("filters") or ())
-        self._failures = [f"{machine}!" for machine in self._machines] if wanted else []
+        self._failures = [f"{machine}!" for machine in self._launched.library] if wanted else []
         self._break()
 
     def _problem(self, texts: list[str]) -> str:
-        """Return why breakpoints are refused, "" if they are not."""
+        """Try breakpoints with those that are set; return the reason of a refusal, else ""."""
         try:
             self._launched.break_at(*self._launched.debugger.breakpoints, *texts)
         except LlfsmError as error:
@@ -327,7 +323,7 @@ class Adapter:
 
 
 def _refusal(wanted: Message) -> str:
-    """Return what is wrong with the count of a breakpoint."""
+    """Check the count of a breakpoint; return the message if it is wrong, else ""."""
     count = str(wanted.get("hitCondition") or "1")
     if re.fullmatch(r"[1-9]\d*", count):
         return ""
@@ -338,3 +334,54 @@ def _suffix(wanted: Message) -> str:
     """Return the count and the condition of a breakpoint, as in its text."""
     count, condition = wanted.get("hitCondition"), wanted.get("condition")
     return (f"#{count}" if count else "") + (f" if {condition}" if condition else "")
+
+
+@click.command()
+def dap() -> None:
+    """Let an editor debug machines, by the Debug Adapter Protocol on standard input and output.
+
+    An editor starts this; how-to/debugging.md shows how to set it up.
+
+    \b
+    llfsm dap
+    """
+    # What code prints must not get among the messages, nor what it reads take any from them; and
+    # neither what programs do that it starts.
+    with (
+        suppress(BrokenPipeError),
+        os.fdopen(os.dup(0), "rb") as received,
+        os.fdopen(os.dup(1), "wb") as sent,
+        open(os.devnull) as nothing,
+    ):
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(2, 1)
+        adapter = Adapter(MessageStream(received, sent))
+        sys.stdin, sys.breakpointhook = nothing, adapter.break_in_code
+        logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_Log(adapter)])
+        with redirect_stdout(_Printed(adapter)):
+            adapter.serve()
+
+
+class _Printed(io.TextIOBase):
+    """Standard output, as an editor shows it."""
+
+    def __init__(self, adapter: Adapter):
+        self._adapter = adapter
+
+    def write(self, text: str) -> int:
+        """Show a text."""
+        self._adapter.print("stdout", text)
+        return len(text)
+
+
+class _Log(logging.Handler):
+    """A log whose records an editor shows."""
+
+    def __init__(self, adapter: Adapter):
+        super().__init__()
+        self._adapter = adapter
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a record."""
+        category = "stdout" if record.levelno < logging.WARNING else "stderr"
+        self._adapter.print(category, f"{self.format(record)}\n")

@@ -17,12 +17,8 @@ Message: TypeAlias = dict[str, Any]
 _LONGEST: Final = 1 << 24  # bytes of a message: a longer one is nonsense
 
 
-class ProtocolError(LlfsmError):
-    """What has come is no message of the protocol."""
-
-
 class MessageStream:
-    """Read messages from one stream, and write to another, from any thread."""
+    """Read messages from one stream, and write to another; any thread may write."""
 
     def __init__(self, received: IO[bytes], sent: IO[bytes]):
         self._received = received
@@ -31,7 +27,7 @@ class MessageStream:
         self._number = 0
 
     def receive(self) -> Message | None:
-        """Wait for a message; None at the end of the stream. Raise `ProtocolError`."""
+        """Wait for a message; None at the end of the stream. Raise `LlfsmError` for other data."""
         length = None
         while True:
             line = self._received.readline(1 << 12)
@@ -43,22 +39,22 @@ class MessageStream:
             if name.strip().lower() == b"content-length" and value.strip().isdigit():
                 length = int(value)
         if length is None or length > _LONGEST:
-            raise ProtocolError("a message came without a valid Content-Length")
+            raise LlfsmError("a message came without a valid Content-Length")
         body = self._received.read(length)
         if len(body) < length:
             return None
         try:
             message = json.loads(body)
         except (ValueError, RecursionError) as error:
-            raise ProtocolError(f"a message came that is not JSON: {error}") from error
+            raise LlfsmError(f"a message came that is not JSON: {error}") from error
         if not isinstance(message, dict):
-            raise ProtocolError(f"a message came that is not an object: {message!r}")
+            raise LlfsmError(f"a message came that is not an object: {message!r}")
         return message
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Send a message of this type, unless the editor is gone.
+        """Send a message of this type; do nothing if the editor is gone.
 
-        The end of the other stream says that; code of a machine that prints does not fail by it.
+        `receive` reports that. Code of a machine that prints must not fail by it.
         """
         with self._lock, suppress(BrokenPipeError):
             self._number += 1

@@ -1,6 +1,8 @@
-"""What an editor shows of machines that are paused: a stack, its variables, and expressions.
+"""Paused machines as an editor shows them: a stack, variables, expressions, and lines of files.
 
-Where machines are in files: the breakpoint of a line, and the line of a state.
+A machine has no stack of its own between two turns. The one shown is made up from what it is about
+to do, or has failed in: a section, in a state, of a machine, in the arrangement. A line of a file
+stands for the narrowest place of a machine that is defined there: a transition, a section, a state.
 """
 
 from __future__ import annotations
@@ -14,9 +16,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from msgspec.structs import asdict
 
-from llfsm.cli.dap.framing import Message, ProtocolError
+from llfsm.cli.dap.framing import Message
 from llfsm.cli.debug.session import Session
 from llfsm.cli.requests import cause_value
+from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.source_text import location_of, parse_file, syntax_of
 from llfsm.runtime.expressions.evaluation import Evaluator, parsed
@@ -44,7 +47,7 @@ class SourceRange(NamedTuple):
 def breakpoints_at(
     machines: Mapping[str, type[Machine]], file: str, line: int
 ) -> list[SourceRange]:
-    """Return what is on a line: the narrowest place of each machine that is defined there."""
+    """Find the narrowest place on a line, of each machine that is defined there."""
     found = []
     for name, cls in machines.items():
         here = [
@@ -102,7 +105,7 @@ def _lines(cls: type[Machine], code: Callable[..., Any], breakpoint: str) -> Ite
 
 
 def _declared(cls: type[Machine]) -> dict[str, SourceRange]:
-    """Return where the states of a class are assigned, by name, also in the classes above."""
+    """Find the lines that assign the states of a class, by name, also in the classes above."""
     found: dict[str, SourceRange] = {}
     for each in cls.__mro__:
         file = getattr(sys.modules.get(each.__module__), "__file__", None) or ""
@@ -125,10 +128,9 @@ _texts: Final = ValueText(1000)
 
 
 class Inspection:
-    """Answer what an editor asks of one pause of a session, by requests of the protocol.
+    """Answer an editor's requests about one pause of a session.
 
-    The stack is what is to come, or has raised: a section, in a state, of a machine, in the
-    arrangement. At a breakpoint it is the machine of that, else the one whose turn is to come.
+    At a breakpoint the stack is that of its machine, else of the one whose turn comes next.
     """
 
     def __init__(self, session: Session):
@@ -136,7 +138,7 @@ class Inspection:
         self._referred: list[Callable[[], Iterable[tuple[str, object]]]] = []
 
     def stack_trace(self, arguments: Message) -> Message:
-        """Return what is to come, or has raised, innermost first."""
+        """Return the frames of the stack, innermost first."""
         session = self._session
         name, arrangement = session.debugger.machine, session.arrangement
         frames: list[Message] = []
@@ -166,7 +168,7 @@ class Inspection:
         return fired.error if fired is not None and fired.machine == machine else None
 
     def scopes(self, arguments: Message) -> Message:
-        """Return what there is of a frame's machine; of the arrangement's, all machines."""
+        """Return the scopes of a frame: its machine's, or one for each machine of all."""
         session = self._session
         arrangement = session.arrangement
         if arguments.get("frameId") == 4:
@@ -206,10 +208,10 @@ class Inspection:
         return len(self._referred)
 
     def variables(self, arguments: Message) -> Message:
-        """Return what a scope, or a value that has parts, consists of."""
+        """Return the variables in a scope, or the parts of a value."""
         number = int(arguments.get("variablesReference", 0))
         if not 0 < number <= len(self._referred):
-            raise ProtocolError("these variables are of an earlier pause")
+            raise LlfsmError("these variables are of an earlier pause")
         return {"variables": [self._variable(*each) for each in self._referred[number - 1]()]}
 
     def _variable(self, name: str, value: object) -> Message:
@@ -243,7 +245,7 @@ class Inspection:
             evaluator = Evaluator(arrangement.machine(name), elapsed_ns, state=state)
             found = evaluator.value(parsed(text))
         except Exception as error:  # of a text that is no expression, or what operators raise
-            raise ProtocolError(f"{text}: {error or type(error).__name__}") from error
+            raise LlfsmError(f"{text}: {error or type(error).__name__}") from error
         shown = self._variable(text, found)
         return {"result": shown.pop("value"), **shown}
 

@@ -1,8 +1,7 @@
-"""``llfsm debug``: machines with a prompt."""
+"""``llfsm debug``: run machines from a prompt, or those of a recording, also backwards."""
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import sys
@@ -18,8 +17,15 @@ from rich.console import Console
 
 from llfsm.cli.debug.prompt import LivePrompt, Prompt
 from llfsm.cli.debug.session import Session, clock_of
-from llfsm.cli.options import BoardPlace, board_option, break_option, given_option, trust_option
-from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.machines import parse_arguments
+from llfsm.cli.options import (
+    BoardPlace,
+    board_option,
+    break_option,
+    given_option,
+    record_option,
+    trust_option,
+)
 from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
 
@@ -36,13 +42,7 @@ _RECORDING = ".mcap"
 @click.command()
 @click.argument("machines", nargs=-1, required=True)
 @break_option
-@click.option(
-    "--record",
-    "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
-)
+@record_option
 @click.option(
     "--pdb",
     "place",
@@ -117,8 +117,6 @@ def _debug_recording(
     from llfsm.cli.debug.prompt import AskedPrompt, ReversePrompt
     from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
     client = reverse_debugging(

@@ -1,6 +1,8 @@
-"""The prompt of ``llfsm debug``: its commands, and what each prints.
+"""The prompts of ``llfsm debug``: a table of commands each, for live machines and for a recording.
 
-The prompt of ``llfsm debug`` for a recording: also backwards, and into the code.
+A prompt takes a line and gives the lines to print, so that it needs no terminal. The prompt of a
+recording goes backwards, too: it runs beside the machines, in whichever process has them at the
+moment, and an `AskedPrompt` in the terminal's process asks it.
 """
 
 from __future__ import annotations
@@ -37,21 +39,17 @@ _texts: Final = ValueText(1000)
 _SHOWN: Final = ("machines", "sensors", "variables", "breakpoints")
 
 
-class PromptError(LlfsmError):
-    """A line is no command, or has not the arguments of one."""
-
-
 class Command(NamedTuple):
     """A command of a prompt."""
 
     usage: str
     does: str
     run: Callable[[Any, str], Iterable[str]]
-    """What carries it out, of a prompt and the rest of the line; it yields what is printed."""
+    """The method that carries it out: takes the rest of the line, gives the lines to print."""
 
 
 class Debugged(Protocol):
-    """Machines that a prompt debugs. What lets them go on returns when they are paused again."""
+    """Machines that a prompt debugs; a method that lets them go on returns at their next pause."""
 
     @property
     def arrangement(self) -> Arrangement:
@@ -60,7 +58,7 @@ class Debugged(Protocol):
 
     @property
     def debugger(self) -> Debugger:
-        """What pauses them."""
+        """The debugger that pauses them."""
         ...
 
     @property
@@ -81,7 +79,7 @@ class Debugged(Protocol):
         ...
 
     def wait(self) -> str:
-        """Wait until the machines are paused, and return why; "" once they have ended."""
+        """Wait until the machines are paused; return the cause, "" once they have ended."""
         ...
 
 
@@ -94,7 +92,7 @@ class Prompt:
     def __init__(self, session: Debugged):
         self._session = session
         self.over = False
-        """Whether there is nothing more to do: the machines have ended, or `quit` was entered."""
+        """True once there is nothing more to do: the machines have ended, or `quit` was entered."""
 
     def do(self, line: str) -> Iterator[str]:
         """Carry out a line and yield what is to be printed; raise `LlfsmError` if it is wrong.
@@ -106,7 +104,7 @@ class Prompt:
         if found is None:
             if name:
                 near = did_you_mean(name, self.commands) or "; `help` lists them"
-                raise PromptError(f"no command {name!r}{near}")
+                raise LlfsmError(f"no command {name!r}{near}")
             return
         yield from self.commands[found].run(self, rest.strip())
 
@@ -125,7 +123,7 @@ class Prompt:
             yield from self.end()
 
     def end(self) -> Iterator[str]:
-        """Yield why the machines are not paused, though nothing runs."""
+        """Yield why no machine is paused and none runs: for example that they have ended."""
         raise NotImplementedError
 
     def interrupted(self) -> Iterator[str]:
@@ -193,7 +191,7 @@ class Prompt:
     def _clear(self, rest: str) -> Iterator[str]:
         present = self._session.debugger.breakpoints
         if rest and rest not in present:
-            raise PromptError(
+            raise LlfsmError(
                 f"no breakpoint {rest!r}{did_you_mean(rest, present)}; "
                 f"there are: {', '.join(present) or 'none'}"
             )
@@ -224,7 +222,7 @@ class Prompt:
                 for name in type(found).table.variables:
                     yield f"{name} = {_texts.text(getattr(found, name, None))}"
             case _:
-                raise PromptError(f"show what? There are: {', '.join(_SHOWN)}")
+                raise LlfsmError(f"show what? There are: {', '.join(_SHOWN)}")
 
     def _help(self, rest: str) -> Iterator[str]:
         width = max(len(command.usage) for command in self.commands.values())
@@ -268,21 +266,21 @@ class LivePrompt(Prompt):
 
 
 def step_of(rest: str) -> tuple[Step, str | None]:
-    """Return which step a line asks for, and of which machine; raise `PromptError`."""
+    """Read the step that a line asks for, and the machine if it names one."""
     until, machine = [*rest.split(), "", ""][:2]
     until = until or "turn"
     if until not in STEPS:
-        raise PromptError(
+        raise LlfsmError(
             f"no step {until!r}{did_you_mean(until, STEPS)}; there are: {', '.join(STEPS)}"
         )
     return STEPS[until], machine or None
 
 
 def _two(text: str, usage: str) -> tuple[str, str]:
-    """Return the first word of a text, and what follows; raise `PromptError` without either."""
+    """Split a text into its first word and the rest; raise `LlfsmError` without either."""
     first, _, rest = text.partition(" ")
     if not rest.strip():
-        raise PromptError(f"usage: {usage}")
+        raise LlfsmError(f"usage: {usage}")
     return first, rest.strip()
 
 
@@ -326,7 +324,7 @@ class AskedPrompt:
     def __init__(self, client: Client):
         self._client = client
         self.over = False
-        """Whether `quit` was entered."""
+        """True once `quit` was entered."""
 
     def do(self, line: str) -> Iterator[str]:
         """Carry out a line and yield what is to be printed; raise `LlfsmError` if it is wrong."""
@@ -373,7 +371,7 @@ class ReversePrompt(Prompt):
         return [*self.do(line)], self.over
 
     def landed(self) -> tuple[list[str], bool]:
-        """Return the same once machines are paused after it."""
+        """Return the same as `done`, once machines are paused after it."""
         return [*self.where()], self.over
 
     def candidates(self, before: str) -> list[str]:
@@ -404,7 +402,7 @@ class ReversePrompt(Prompt):
         except ValueError:
             seconds = math.nan
         if not math.isfinite(seconds):
-            raise PromptError(f"goto {rest}: give seconds from the beginning, as 12.5")
+            raise LlfsmError(f"goto {rest}: give seconds from the beginning, as 12.5")
         self._session.goto(seconds)
         yield from self.where()
 
@@ -419,7 +417,7 @@ class ReversePrompt(Prompt):
         machine, colon, rest = text.rpartition(":")
         state, dot, section = rest.rpartition(".")
         if not dot or section not in SECTIONS:
-            raise PromptError(
+            raise LlfsmError(
                 f"pdb {text}: write MACHINE:STATE.SECTION, with one of the sections "
                 f"{', '.join(SECTIONS)}{did_you_mean(section, SECTIONS)}"
             )

@@ -1,4 +1,4 @@
-"""Machines that are debugged by the process that runs them, in a thread of their own."""
+"""Machines under a debugger in the same process; they run in a thread of their own."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Self
 
-from llfsm.cli.machine_names import with_called_bundles
-from llfsm.cli.run.arguments import ResolvedPlan
+from llfsm.cli.machines import ResolvedPlan
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger, Step
 from llfsm.runtime.engine.clock import Clock, DebugClock
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
@@ -23,7 +23,7 @@ _LOOK_S = 1.0  # between two looks whether the machines have ended
 
 
 def clock_of(plan: Plan) -> Clock | None:
-    """Return the clock for machines that are debugged; None for the usual one."""
+    """Return the clock of a plan's machines while they are debugged; None for the usual one."""
     return DebugClock() if plan.debug_clock else None
 
 
@@ -38,11 +38,11 @@ class Session:
         self.arrangement: Arrangement = assemble(
             plan, resolved.classes, environment, library=resolved.library
         )
-        self.library: Mapping[str, type[Machine]] = with_called_bundles(resolved.classes)
+        self.library: Mapping[str, type[Machine]] = callable_machines(resolved.classes)
         self.debugger = Debugger(self.arrangement, on_pause=plan.on_pause)
         self.break_at(*plan.breakpoints)
         self.error: Exception | None = None
-        """What the machines have failed with."""
+        """The exception by which the machines have failed."""
         self._thread = threading.Thread(target=self._run, name="machines")
 
     def __enter__(self) -> Self:
@@ -74,7 +74,7 @@ class Session:
         return self.wait()
 
     def wait(self) -> str:
-        """Wait until the machines are paused, and return why; "" once they have ended."""
+        """Wait until the machines are paused; return the cause, "" once they have ended."""
         while True:
             try:
                 return self.debugger.wait(_LOOK_S)

@@ -1,135 +1,37 @@
-"""``llfsm demo``: processes that work on one whiteboard, started and shown together.
-
-A demo in one process: its parts are threads on a whiteboard of that process.
-"""
+"""``llfsm demo``: machines and a simulator at work on one whiteboard, shown together."""
 
 from __future__ import annotations
 
-import os
 import signal
 import socket
-import threading
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import click
 
-from llfsm.bridges.turtlesim.node import TurtlesimNode
-from llfsm.bridges.turtlesim.simulator import Simulator, run
-from llfsm.cli.demo.processes import LiveBoard, Processes, ProcessStatus, show
+from llfsm.bridges.turtlesim.simulator import Simulator
+from llfsm.cli.demo.parts import Parts, Processes, ProcessStatus, Threads
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
 from llfsm.cli.options import BoardPlace, Number, board_option, given_option, local_option
-from llfsm.cli.ps import Watcher
-from llfsm.cli.run.arguments import parse_arguments
-from llfsm.cli.view import TOKEN_VARIABLE, VIEW_PORT, listen, make_server, page_address, page_token
-from llfsm.runtime.plans import assemble
-from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.cli.ps import Watcher, machine_table, slot_table, turtle_field
+from llfsm.cli.turtlesim import draw_field
+from llfsm.cli.view import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
 from llfsm.whiteboard import BoardError, BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
 if TYPE_CHECKING:
-    from starlette.types import ASGIApp
-
-    from llfsm.whiteboard import Board
+    from rich.console import RenderableType
 
 
-class _Part(NamedTuple):
-    name: str
-    started: float
-    thread: threading.Thread
-    stop: Callable[[], object]
-
-
-class Threads:
-    """Run the parts of a demo as threads; leaving the ``with`` block ends them, the last first.
-
-    It shows its parts, and waits, as :class:`.Processes` does. An error in one of them is raised by
-    `wait`.
-    """
-
-    def __init__(self, board: Board) -> None:
-        self.reports: deque[str] = deque()
-        self._board = board
-        self._all: list[_Part] = []
-        self._failed: deque[Exception] = deque()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        while self._all:
-            part = self._all.pop()
-            part.stop()
-            part.thread.join()
-
-    def start_simulator(self, simulator: Simulator) -> None:
-        """Start a turtle simulator."""
-        step, ending = TurtlesimNode(simulator, self._board).step, threading.Event()
-        self._start("simulator", partial(run, step, ending.is_set), ending.set)
-
-    def start_machines(self, names: Sequence[str]) -> None:
-        """Start the machines of these names as one arrangement."""
-        resolved = parse_arguments(names, None, (), ())
-        environment = LiveEnvironment(self._board)
-        arrangement = assemble(
-            resolved.plan, resolved.classes, environment, library=resolved.library
-        )
-        self._start("machine", arrangement.run, partial(arrangement.stop, "the demo ends"))
-
-    def start_page(self, token: str) -> str:
-        """Serve the page of the whiteboard on this host; return its address."""
-        from llfsm.bridges.view.live_source import LiveSource
-
-        host = "127.0.0.1"
-        source = LiveSource(self._board.name, given=self._board)
-
-        def make_app(token: str) -> ASGIApp:
-            from llfsm.bridges.view.app import make_app
-
-            return make_app(source, host=host, token=token, control=False)
-
-        server = make_server(make_app, token)
-        try:
-            listener = listen(host, VIEW_PORT)
-        except click.ClickException:  # another page has it
-            listener = listen(host, 0)
-        self._start(
-            "page",
-            partial(server.run, sockets=[listener]),
-            partial(setattr, server, "should_exit", True),
-        )
-        return page_address(host, listener.getsockname()[1], token)
-
-    def statuses(self) -> list[ProcessStatus]:
-        """Return the status of each part, in the order of their start."""
-        now = time.monotonic()
-        return [ProcessStatus(p.name, os.getpid(), now - p.started, "") for p in self._all]
-
-    def wait(self, seconds: float) -> None:
-        """Wait, and raise the error that has ended a part."""
-        if self._failed:
-            raise self._failed.popleft()
-        time.sleep(seconds)  # between two looks of the screen
-
-    def _start(self, name: str, run: Callable[[], object], stop: Callable[[], object]) -> None:
-        def execute() -> None:
-            try:
-                run()
-            except Exception as error:  # raised again where the demo waits
-                self._failed.append(error)
-
-        thread = threading.Thread(target=execute, name=name, daemon=True)
-        self._all.append(_Part(name, time.monotonic(), thread, stop))
-        thread.start()
-
-
+_FRAME_S = 0.1
+_NEWS = 5  # lines of it on the terminal
 _PATIENCE_S = 5.0  # for the processes of a killed demo to end
 
 
@@ -251,9 +153,6 @@ def _run(
 def _run_locally(
     chosen: _Demo, title: str, seconds: float | None, target: Path, token: str | None
 ) -> None:
-    from llfsm.bridges.turtlesim.simulator import Simulator  # here, as other demos run none
-    from llfsm.cli.turtlesim import draw_field
-
     with ExitStack() as stack:
         board = stack.enter_context(Whiteboard.local("demo"))
         simulator = Simulator()
@@ -347,3 +246,102 @@ def _ending_on_signals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class LiveBoard:
+    """The whiteboard of a demo, removed at the end.
+
+    A process of the demo that ends removes it as well; then it is created again.
+    """
+
+    def __init__(self, place: BoardPlace) -> None:
+        self._place = place
+        self._open()
+
+    def _open(self) -> None:
+        self._board = self._place.open()
+        self._watcher = Watcher(self._board)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._board.remove()
+        self._board.close()
+
+    def watcher(self) -> Watcher:
+        """Return the watcher of the whiteboard, which is created again if it was removed."""
+        if not self._board.alive:
+            self._board.close()
+            self._open()
+        return self._watcher
+
+
+def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: float | None) -> None:
+    """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
+    started = time.monotonic()
+    until = float("inf") if seconds is None else started + seconds
+
+    def timed(line: str) -> str:
+        return f"{time.monotonic() - started:6.1f} s  {line}"
+
+    if sys.stdout.isatty():
+        from rich.live import Live
+
+        news: deque[str] = deque(maxlen=_NEWS)
+        with Live(auto_refresh=False) as live:
+            while time.monotonic() < until:
+                news.extend(map(timed, _reports(parts)))
+                shown = _picture(watcher(), title, parts.statuses(), news)
+                live.update(shown, refresh=True)
+                parts.wait(_FRAME_S)
+        return
+    click.echo(title)
+    printed: dict[str, str] = {}
+    while time.monotonic() < until:
+        for report in _reports(parts):
+            click.echo(timed(report))
+        watched = watcher()
+        pose = watched.pose()
+        where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
+        states = {machine.name: machine.state for machine in watched.machines()}
+        for machine, state in states.items():
+            if printed.get(machine) != state:
+                click.echo(timed(f"{machine}: {state}{where}"))
+        printed = states
+        parts.wait(_FRAME_S / 2)
+
+
+def _reports(parts: Parts) -> Iterator[str]:
+    while parts.reports:
+        yield parts.reports.popleft()
+
+
+def _picture(
+    watcher: Watcher, title: str, processes: Sequence[ProcessStatus], news: Sequence[str]
+) -> RenderableType:
+    """Return the screen of a terminal: machines, turtle, processes, slots and the latest news."""
+    from rich.columns import Columns
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.table import Table
+    from rich.text import Text
+
+    machines = machine_table(watcher.machines())
+    running = Table.grid(padding=(0, 2))
+    for name, pid, since_s, output in processes:
+        state = Text("starts again", "bold red") if pid is None else Text(f"process {pid}", "green")
+        running.add_row(name, state, f"{since_s:5.0f} s", Text(output, "dim", no_wrap=True))
+    pose = watcher.pose()
+    board = slot_table(watcher.slots())
+    top: list[RenderableType] = [Panel(machines, title="machines", title_align="left")]
+    if pose is not None:
+        where = f"turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
+        top.append(Panel(turtle_field(watcher, pose), title=where, title_align="left"))
+    return Group(
+        Text(title, "bold"),
+        Columns(top),
+        Panel(running, title="processes", title_align="left"),
+        Panel(board, title="whiteboard", title_align="left"),
+        *(Text(line, "red") for line in news),
+    )

@@ -1,4 +1,4 @@
-"""A demo on ROS 2: the graph of its nodes, and the processes that it takes."""
+"""A demo on ROS 2: the graph that its nodes are in, and the processes that it needs for that."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import click
 from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS
 from llfsm.bridges.ros2.opening import loopback_address, needs_router, serves
 from llfsm.bridges.ros2.transport import default_domain
-from llfsm.cli.demo.processes import Processes
+from llfsm.cli.demo.parts import Processes
 from llfsm.cli.options import BoardPlace
 from llfsm.cli.ros_options import (
     Command,

@@ -11,6 +11,8 @@ import click
 from msgspec.structs import replace
 
 from llfsm.cli import VERSION
+from llfsm.cli.console import log_machines
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
@@ -19,21 +21,20 @@ from llfsm.cli.options import (
     end_with_input,
     given_option,
     local_option,
+    record_option,
     supervised_options,
 )
 from llfsm.cli.ros_options import RosCommand, require_ros, ros_arguments, ros_options
-from llfsm.cli.run.arguments import parse_arguments
-from llfsm.cli.run.report import log_machines
 from llfsm.cli.run.running import Reports, load_machines, run_machines, run_nonstop
-from llfsm.cli.run.world import RosOptions, WorldOptions, open_world
+from llfsm.cli.run.world import RosOptions, WorldOptions, managed_machines, open_world
 from llfsm.runtime.plans import Plan
 
 
 class _Priority(Integer):
-    """A priority that may be left out, if no machine follows."""
+    """A priority that may be left out: the next word is then an option, or the end."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number; a word is probably the machine that was to run."""
+        """Return the number; refuse a word, which is probably the machine that was to run."""
         if isinstance(value, str) and not value.lstrip("-").isdigit():
             self.fail(f"{value!r} is not a priority; name the machines first", param, ctx)
         return super().convert(value, param, ctx)
@@ -127,13 +128,7 @@ class _Priority(Integer):
 @click.option(
     "--debug-clock", is_flag=True, help="Let the states' clocks stand still while paused."
 )
-@click.option(
-    "--record",
-    "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
-)
+@record_option
 @click.option(
     "--ros-time",
     is_flag=True,
@@ -223,8 +218,6 @@ def run(
     with open_world(options, plan, resolved.classes.values()) as world:
         load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
         if lifecycle:
-            from llfsm.cli.run.world import managed_machines
-
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:
             arrangement = load(world.environment)
@@ -278,7 +271,7 @@ def _with_options(
     debug_clock: bool,
     **given: object,
 ) -> Plan:
-    """Return the plan with the options of the command line, which override it."""
+    """Override a plan by the options of the command line that are given."""
     if given["period_us"] is not None and any(machine.period_us for machine in plan.machines):
         raise click.UsageError("--period: the machines have periods of their own")
     return replace(
@@ -292,9 +285,9 @@ def _with_options(
 
 
 def _place(plan: Plan, board: BoardPlace, *, default: bool) -> BoardPlace | None:
-    """Return the whiteboard with the command line's name if given, else the file's or default.
+    """Choose the whiteboard: the command line's if named there, else the file's, else the default.
 
-    If none is named and no default one is wanted, return None.
+    Return None if none is named and no default one is wanted.
     """
     given = given_option("board") is not None
     if given or plan.board is None:

@@ -1,8 +1,11 @@
-"""The arrangement of ``llfsm run``: loaded with what reports of it, and run to its end.
+"""The arrangement of ``llfsm run``: loaded, reported in clfsm's format, and run to its end.
 
-What `breakpoint()` in machines' code does: Python's debugger holds all of a process up.
-
-``llfsm run -n``: start again after a crash, as clfsm does.
+* ``-v``, ``-s`` and ``-t`` are observers and a table of times; they write to standard error, which
+  scripts for clfsm read.
+* A call of `breakpoint()` in a machine's code opens Python's debugger in a terminal, which holds
+  all of the process up. Without a terminal nobody could answer it, so it pauses the machines.
+* ``-n`` starts them again after a crash, as clfsm does. They run in a fork, so that each run begins
+  with the machines as they were loaded, and this process survives whatever ends the other.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NamedTuple, NoReturn
@@ -22,29 +25,194 @@ from typing import NamedTuple, NoReturn
 import click
 
 from llfsm.cli.console import SIGNALS, ending_once
-from llfsm.cli.machine_names import with_called_bundles
-from llfsm.cli.run.arguments import ResolvedPlan
-from llfsm.cli.run.report import (
-    StateReport,
-    SuspensionReport,
-    conditions,
-    latency_drawing,
-    timing_table,
-)
+from llfsm.cli.machines import ResolvedPlan
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger
 from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
-from llfsm.runtime.engine.events import Reason
+from llfsm.runtime.engine.events import Event, Reason, Request, Turn
+from llfsm.runtime.engine.histogram import Spread
+from llfsm.runtime.engine.statistics import MachineStatistics
 from llfsm.runtime.engine.watchdog import running_call
 from llfsm.runtime.plans import Plan, assemble
 
 _log = logging.getLogger(__name__)
+_HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
+
+
+class StateReport:
+    """Print each change of state as clfsm does: ``m  0 s  1 - Machine - STATE``.
+
+    With times, a line begins with the seconds since the first one.
+    """
+
+    def __init__(self, arrangement: Arrangement, *, with_path: bool, with_times: bool) -> None:
+        self._arrangement = arrangement
+        self._with_path = with_path
+        self._with_times = with_times
+        self._begin_ns: int | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Take an event."""
+        if isinstance(event, Turn) and event.previous != event.state:
+            table = type(self._arrangement.machine(event.machine)).table
+            names = [state.name for state in table.states]
+            # A suspend state that the machine does not declare comes after those it does.
+            number = names.index(event.state) if event.state in names else len(names)
+            path = f"{table.path:<30.30} / " if self._with_path else ""
+            if self._begin_ns is None:
+                self._begin_ns = event.time_ns
+            seconds = (event.time_ns - self._begin_ns) / 1e9
+            time = f"{seconds:10.6f} " if self._with_times else ""
+            change = f"m{event.index:3d} s{number:3d} - {path}{event.machine:<20.20}"
+            click.echo(f"{time}{change} - {event.state}", err=True)
+
+
+class SuspensionReport:
+    """Print each suspend, resume and restart when it takes effect."""
+
+    def __init__(self, arrangement: Arrangement) -> None:
+        self._arrangement = arrangement
+        self._due: Turn | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Take an event: the one after a turn with a request shows the effect of the request."""
+        due, self._due = self._due, None
+        if due is not None:  # the request has been applied, and no transition has fired since
+            state = self._arrangement.state_name_of(due.machine)
+            if state != due.state or due.request == Request.RESTART:
+                request = str(due.request).title()
+                click.echo(f"{request} {due.index}: {due.state} -> {state}", err=True)
+        if isinstance(event, Turn) and event.request is not None:
+            self._due = event
+
+
+def timing_table(machines: Iterable[MachineStatistics]) -> str:
+    """Return a table of the machines' statistics: spreads as p50 / p99 / max in microseconds.
+
+    Below each machine are its states, with the seconds spent in each.
+    """
+    rows = [_HEADS]
+    notes: list[list[str]] = [[]]
+    for machine in machines:
+        planned = machine.jitter_us is not None
+        rows.append(
+            (
+                machine.machine,
+                str(machine.ringlets),
+                str(machine.fired),
+                _spread(machine.cost_us),
+                _spread(machine.jitter_us),
+                _spread(machine.late_us),
+                str(machine.overruns) if planned else "-",
+                f"{machine.worst_overrun_us:.0f}" if planned else "-",
+            )
+        )
+        total = sum(machine.state_s.values()) or 1.0
+        width = max((len(state) for state in machine.state_s), default=0)
+        notes.append(
+            [
+                f"    {state.ljust(width)} {seconds:10.3f} s {seconds / total:6.1%}"
+                for state, seconds in machine.state_s.items()
+            ]
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row, states in zip(rows, notes, strict=True):
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines += ["  ".join(cells), *states]
+    return "\n".join(lines)
+
+
+def conditions(machines: Iterable[MachineStatistics]) -> str:
+    """Describe the real time in which turns were given, "" without; all machines share one."""
+    for machine in machines:
+        if machine.realtime is not None:
+            core = "" if machine.cpu is None else f" on core {machine.cpu}"
+            return f"in real time: FIFO {machine.realtime}{core}, memory locked"
+    return ""
+
+
+def latency_drawing(machines: Iterable[MachineStatistics]) -> str:
+    """Draw how late turns began: a bar for each doubling of microseconds."""
+    by_counts: dict[tuple[int, ...], list[str]] = {}
+    for machine in machines:
+        if machine.late_counts:
+            by_counts.setdefault(machine.late_counts, []).append(machine.machine)
+    lines: list[str] = []
+    for counts, names in by_counts.items():  # with a period, the turns of all begin with one
+        lines.append(f"turns of {', '.join(names)} that began late")
+        first = next(place for place, count in enumerate(counts) if count)
+        for place, count in enumerate(counts[first:], first):
+            bar = "#" * -(-count * 40 // max(counts))
+            lines.append(f"{'<':>5} {2**place:>8} us {count:>9}  {bar}".rstrip())
+    return "\n".join(lines)
+
+
+def _spread(spread: Spread | None) -> str:
+    return "-" if spread is None else f"{spread.p50:.1f} / {spread.p99:.1f} / {spread.max:.1f}"
+
+
+class Reports(NamedTuple):
+    """The options that print: ``-v`` (how often it is given), ``-s`` and ``-t``."""
+
+    verbose: int
+    suspensions: bool
+    timed: bool
+
+
+def load_machines(
+    resolved: ResolvedPlan, plan: Plan, reports: Reports, environment: Environment
+) -> Arrangement:
+    """Load the machines of a plan, whose classes `resolved` has, with breakpoints and reports."""
+    arrangement = assemble(
+        plan, resolved.classes, environment, library=resolved.library, timed=reports.timed
+    )
+    if plan.on_pause != "keep" or plan.breakpoints:
+        debugger = Debugger(arrangement, on_pause=plan.on_pause, lease_s=LEASE_S)
+        library = callable_machines(resolved.classes) if plan.breakpoints else {}
+        debugger.break_at(*plan.breakpoints, library=library)
+    if reports.verbose:
+        with_path = reports.verbose > 1
+        arrangement.attach(StateReport(arrangement, with_path=with_path, with_times=reports.timed))
+    if reports.suspensions:
+        arrangement.attach(SuspensionReport(arrangement))
+    return arrangement
+
+
+def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
+    """Run an arrangement to its end, and print its times if it is timed; raise what `run` raises.
+
+    Raise `click.ClickException` if machines have failed that nobody can resume.
+    """
+
+    def is_ending() -> bool:
+        return arrangement.reason is not None or arrangement.stop_cause in SIGNALS
+
+    def is_in_a_section() -> bool:  # elsewhere it ends by itself, or has locks
+        return running_call(threading.get_ident()) is not None
+
+    try:
+        with pausing_at_breakpoints(arrangement):
+            ending_once(arrangement.run, is_ending, is_in_a_section)
+    finally:
+        if timed:
+            found = arrangement.statistics()
+            if found:
+                texts = (timing_table(found), conditions(found), latency_drawing(found))
+                click.echo("\n".join(filter(None, texts)), err=True)
+    if arrangement.reason is Reason.FAILED:
+        failed = ", ".join(arrangement.failed_machines)
+        raise click.ClickException(
+            f"{failed} failed, and no other process can resume it: the run has ended"
+        )
 
 
 @contextmanager
 def pausing_at_breakpoints(arrangement: Arrangement) -> Iterator[None]:
-    """Let `breakpoint()` open Python's debugger in a terminal, and say what that does.
+    """Let `breakpoint()` open Python's debugger in a terminal, with a warning that it holds all up.
 
     Without a terminal it pauses the machines before the next turn.
     """
@@ -71,7 +239,7 @@ def pausing_at_breakpoints(arrangement: Arrangement) -> Iterator[None]:
 
 
 def place_of_call(frame: FrameType) -> str:
-    """Return where code calls `breakpoint()`."""
+    """Return the cause of a pause by code that calls `breakpoint()`: with its file and line."""
     return f"breakpoint() in {os.path.basename(frame.f_code.co_filename)}:{frame.f_lineno}"
 
 
@@ -130,7 +298,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
 
 
 def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -> NoReturn:
-    """Run, print an error, and exit without the cleanup that the parent does at its own end."""
+    """Run in the fork, print an error, and exit without the cleanup that is the parent's."""
 
     def wait() -> None:
         os.read(pipe, 1)  # which is never written to
@@ -156,58 +324,3 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
             sys.stderr.flush()
         finally:  # even if the output is closed: the code after `run_nonstop` is the parent's
             os._exit(status)
-
-
-class Reports(NamedTuple):
-    """What is printed of machines: the options ``-v`` (how often), ``-s`` and ``-t``."""
-
-    verbose: int
-    suspensions: bool
-    timed: bool
-
-
-def load_machines(
-    resolved: ResolvedPlan, plan: Plan, reports: Reports, environment: Environment
-) -> Arrangement:
-    """Return the arrangement of a plan, with its breakpoints; `resolved` has its classes."""
-    arrangement = assemble(
-        plan, resolved.classes, environment, library=resolved.library, timed=reports.timed
-    )
-    if plan.on_pause != "keep" or plan.breakpoints:
-        debugger = Debugger(arrangement, on_pause=plan.on_pause, lease_s=LEASE_S)
-        library = with_called_bundles(resolved.classes) if plan.breakpoints else {}
-        debugger.break_at(*plan.breakpoints, library=library)
-    if reports.verbose:
-        with_path = reports.verbose > 1
-        arrangement.attach(StateReport(arrangement, with_path=with_path, with_times=reports.timed))
-    if reports.suspensions:
-        arrangement.attach(SuspensionReport(arrangement))
-    return arrangement
-
-
-def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
-    """Run it to its end, and print its times if it is timed; raise what `run` raises.
-
-    Raise `click.ClickException` if machines have failed that nobody can resume.
-    """
-
-    def is_ending() -> bool:
-        return arrangement.reason is not None or arrangement.stop_cause in SIGNALS
-
-    def is_in_a_section() -> bool:  # elsewhere it ends by itself, or has locks
-        return running_call(threading.get_ident()) is not None
-
-    try:
-        with pausing_at_breakpoints(arrangement):
-            ending_once(arrangement.run, is_ending, is_in_a_section)
-    finally:
-        if timed:
-            found = arrangement.statistics()
-            if found:
-                texts = (timing_table(found), conditions(found), latency_drawing(found))
-                click.echo("\n".join(filter(None, texts)), err=True)
-    if arrangement.reason is Reason.FAILED:
-        failed = ", ".join(arrangement.failed_machines)
-        raise click.ClickException(
-            f"{failed} failed, and no other process can resume it: the run has ended"
-        )

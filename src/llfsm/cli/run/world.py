@@ -1,11 +1,11 @@
-"""The world of the machines of ``llfsm run``: a whiteboard, a ROS graph, or both.
+"""The world of the machines of ``llfsm run``: a whiteboard, a ROS graph, or both; and its recorder.
 
-The recorder of ``llfsm run --record``, a process of its own, and one that runs already.
+What is opened first is closed last: the whiteboard before the ROS node that at its end publishes
+from it, and the whiteboard's removal after the recorder, which still reads it.
 
-Machines hand their journal to the recorder through the whiteboard and never wait for it. If the
-recorder dies, they go on; if they are killed, it completes its file.
-
-``llfsm run --ros`` and ``--ros-time``: machines that are a ROS node, or run by its time.
+The recorder of ``--record`` is a process of its own. Machines hand their journal to it through the
+whiteboard and never wait for it. If the recorder dies, they go on; if they are killed, it completes
+its file. One that runs already is used without ``--record``.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def recorded(
     limit: int = HANDOVER_LIMIT,
     patience_s: float = 5.0,
 ) -> Iterator[Environment]:
-    """Give the environment of an arrangement on `board`, journalled if a process records the board.
+    """Open the environment of an arrangement on `board`, journalled if a process records the board.
 
     `live` makes it from the board, the clock and the options of `LiveEnvironment`.
 
@@ -138,11 +138,11 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
 
 
 class RosOptions(NamedTuple):
-    """Which ROS graph to join, and as what."""
+    """The options ``--ros``, ``--ros-time`` and those that belong to them."""
 
     is_node: bool
     follows_time: bool
-    """Whether the machines run by the time on /clock."""
+    """If the machines run by the time on /clock."""
     is_managed: bool
     config: Path | None
     node: str | None
@@ -152,7 +152,7 @@ class RosOptions(NamedTuple):
 
 
 class WorldOptions(NamedTuple):
-    """Where machines run, and where this is recorded."""
+    """The options for where machines run, and where this is recorded."""
 
     place: BoardPlace | None
     """The shared whiteboard, if there is one."""
@@ -164,7 +164,7 @@ class WorldOptions(NamedTuple):
 
 
 class OpenedWorld(NamedTuple):
-    """An environment, and the names of what it consists of."""
+    """An environment, and the names of its parts for the header that is printed."""
 
     environment: Environment
     names: list[str]
@@ -174,9 +174,10 @@ class OpenedWorld(NamedTuple):
 def open_world(
     options: WorldOptions, plan: Plan, classes: Collection[type[Machine]]
 ) -> Iterator[OpenedWorld]:
-    """Give the world of a plan, whose classes are in its order, within the ``with`` block.
+    """Open the world of a plan, whose classes are in its order, for the ``with`` block.
 
-    Raise ``click.ClickException``.
+    Raise ``click.ClickException`` if the ROS graph or the recorder cannot be used, and what opening
+    a whiteboard raises.
     """
     ros, place = options.ros, options.place
     is_managed = ros is not None and ros.is_managed
@@ -214,11 +215,11 @@ _LOOK_S = 0.25  # between two looks for Ctrl-C
 
 
 class JoinedGraph(NamedTuple):
-    """A ROS graph, and what machines use of it."""
+    """A ROS graph, and the parts of it that machines use."""
 
     transport: Transport
     connected: BridgePlan | None
-    """What connects the machines with it, if they are a node."""
+    """The relays between the machines and it, if they are a node."""
     clock: Clock | None
     """The time on /clock, if they run by it."""
 
@@ -227,7 +228,7 @@ class JoinedGraph(NamedTuple):
 def join_graph(
     options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
 ) -> Iterator[JoinedGraph]:
-    """Give the graph that the options name, once /clock has a time if it is needed.
+    """Open the graph that the options name; wait until /clock has a time if that is needed.
 
     `place` is the shared whiteboard, if there is one. Raise ``click.ClickException``.
     """
@@ -249,9 +250,9 @@ def join_graph(
 def _connections(
     options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
 ) -> BridgePlan:
-    """Return what connects the machines of a plan, whose classes are in its order, with ROS.
+    """Plan the relays between the machines of a plan, whose classes are in its order, and ROS.
 
-    By default it is the topics of their slots' names.
+    Without a configuration, each slot is relayed with the topic of its name.
     """
     if options.config is None:
         slots = [machine.slots for machine in plan.machines]
@@ -263,14 +264,14 @@ def _connections(
 
 
 def _uses_simulated_time(connected: BridgePlan) -> bool:
-    """Return whether the node's parameter says at the start that its time is that of /clock."""
+    """Read the node's parameter ``use_sim_time`` as it is at the start."""
     given = connected.arguments.parameters(connected.node.full_node)
     return given.get("use_sim_time") is True
 
 
 @contextmanager
 def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
-    """Give a clock that follows /clock, once there is a time, within the ``with`` block."""
+    """Open a clock that follows /clock, once there is a time, for the ``with`` block."""
     clock = SimulatedClock()
     with (
         closing(TimerThread("ros2 parameters")) as timer,
@@ -283,7 +284,7 @@ def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
 
 
 def _wait_set(clock: SimulatedClock) -> None:
-    """Wait for the first time; Ctrl-C ends the program as it ends a run."""
+    """Wait for the first time on /clock; Ctrl-C ends the program as it ends a run."""
     click.echo("waiting for a time on /clock", err=True)
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()):
@@ -296,7 +297,7 @@ def _wait_set(clock: SimulatedClock) -> None:
 def on_ros(
     transport: Transport, connected: BridgePlan, *, begin: bool
 ) -> Iterator[MakeEnvironment]:
-    """Give what makes the machines' environment, which is closed after the ``with`` block.
+    """Give a function that makes the machines' environment, which is closed after the block.
 
     If they are to `begin` at once, the environment is made when their topics have subscriptions,
     or after a second: a command that is posted once reaches the robot.
@@ -316,7 +317,7 @@ def on_ros(
 
 
 def _wait_subscribed(environment: RosEnvironment) -> None:
-    """Wait; Ctrl-C ends the program as it ends a run."""
+    """Wait for subscriptions, for a second at most; Ctrl-C ends the program as it ends a run."""
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()):
         environment.wait_subscribed()
@@ -327,7 +328,10 @@ def _wait_subscribed(environment: RosEnvironment) -> None:
 def managed_machines(
     world: Environment, load: Callable[[Environment], Arrangement], will_after_ms: int | None
 ) -> Callable[[], None]:
-    """Return what runs machines as a managed node, until SIGINT or SIGTERM; `load` loads them."""
+    """Return a function that runs machines as a managed node, until SIGINT or SIGTERM.
+
+    `load` loads them, each time that the node is configured.
+    """
     assert isinstance(world, RosEnvironment)
     board, clock, bridge = world.whiteboard, world.clock, world.bridge
 

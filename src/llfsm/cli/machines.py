@@ -1,6 +1,9 @@
-"""Machines as a command line names them: ``RosPingPong``, ``patrol.py:Patrol``, a bundle.
+"""Machines as a command line names them: one by its name, several as a plan with their classes.
 
-The bundles that other bundles may call: breakpoints can be set before these run.
+A name is tried as a bundle in the folders that are searched, then as a machine that ships, then as
+a module's file or an import, with the class behind a colon. Nothing is imported but what is named,
+as that runs a module's code. What this code raises becomes a `MachineImportError` with the place in
+the user's own code, not a traceback through ours.
 """
 
 from __future__ import annotations
@@ -9,20 +12,24 @@ import importlib
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import click
+import msgspec
+from msgspec.structs import replace
 
 import llfsm
 from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.plans import Plan, PlannedMachine, names_of, read_dispatch_table, read_plan
 
 _HERE = (Path(),)
 _PYTHON = ".py"
+_PLAN = ".toml"
 _NOT_THEIRS = (*llfsm.__path__, "<frozen ", importlib.__file__)
 
 
@@ -40,7 +47,7 @@ class MachineImportError(LlfsmError):
 
 
 def _text(error: BaseException) -> str:
-    """Return what an error says, without paths, and what was meant by a name in it."""
+    """Return the message of an error without paths, with a suggestion for a wrong name in it."""
     if isinstance(error, SyntaxError):
         return error.msg
     if isinstance(error, AttributeError) and error.name is not None:
@@ -67,7 +74,7 @@ def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:
 
 
 def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
-    """Return the class of a machine, however it is named.
+    """Find the class of a machine by any of the names that a command takes.
 
     `name` is one of the machines that ship, a bundle, ``package.module:Class``, or
     ``folder/module.py:Class``. The class can be left out where a module has one machine, and
@@ -91,7 +98,7 @@ def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machi
 
 
 def find_object(name: str, folders: Sequence[Path] = _HERE) -> tuple[ModuleType, Any]:
-    """Return the module and the object that ``package.module:name`` or ``file.py:name`` names.
+    """Import the module of ``package.module:name`` or ``file.py:name``; return it and that object.
 
     Without a name, the object is the module. Modules are searched as those of machines, and errors
     are the same.
@@ -110,7 +117,7 @@ def find_object(name: str, folders: Sequence[Path] = _HERE) -> tuple[ModuleType,
 def _module(
     where: str, name: str, folders: Sequence[Path], *, importable: bool
 ) -> ModuleType | None:
-    """Return the module that `where` in `name` names: a file, or what an import finds."""
+    """Import the module that `where`, a part of `name`, names by its file or as Python does."""
     file = _module_file(where, folders)
     if file is not None:
         return _import_file(file, name)
@@ -123,7 +130,7 @@ def _module(
 
 
 def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
-    """Return the file of a module that is named by its path, with or without ``.py``, or None."""
+    """Find the file of a module by its path, with or without ``.py``; None if there is none."""
     for folder in (each.absolute() for each in folders):
         for name in (text, text + _PYTHON):
             if name.endswith(_PYTHON) and (folder / name).is_file():
@@ -132,7 +139,7 @@ def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
 
 
 def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
-    """Return the machine `attribute` of a module, or the only one there is if none is named."""
+    """Return the machine `attribute` of a module, or its only one if none is named."""
     machines = [each for each, value in vars(module).items() if _is_machine(value, module)]
     there = ", ".join(machines) or "none"
     if not attribute and len(machines) == 1:
@@ -153,13 +160,13 @@ def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
 
 
 def _is_machine(value: object, module: ModuleType) -> bool:
-    """Return whether `value` is a machine class that `module` defines."""
+    """Check that `value` is a machine class of `module` itself, not one that it imports."""
     is_machine = isinstance(value, type) and issubclass(value, Machine)
     return is_machine and value.__module__ == module.__name__
 
 
 def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> click.UsageError:
-    """Return the error for a machine that is nowhere."""
+    """Return the error for a machine that is nowhere, with the nearest names that are."""
     files = [found for folder in folders for found in folder.glob("*")]
     modules = [found for found in files if found.suffix == _PYTHON]
     known = {found.stem for found in files if found.suffix in (SUFFIX, _PYTHON)}
@@ -176,20 +183,20 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
 
 
 def _has_class(module: Path, name: str) -> bool:
-    """Return whether the text of a module, which may be no Python, defines a class `name`."""
+    """Search the text of a module, which may be no Python, for a class `name`."""
     text = module.read_text(encoding="utf-8", errors="replace")
     return re.search(rf"^class {re.escape(name)}\b", text, re.MULTILINE) is not None
 
 
 def search_modules_in(folders: Iterable[Path] = _HERE) -> None:
-    """Let imports find the modules in `folders`, before all others, in this order."""
+    """Let imports find modules in `folders` first, in this order."""
     for folder in reversed([str(each.absolute()) for each in folders]):
         if folder not in sys.path:
             sys.path.insert(0, folder)
 
 
 def _import_file(file: Path, name: str) -> ModuleType:
-    """Return the module of a file: found from the folder that holds its outermost package."""
+    """Import a file as a module, from the folder that holds its outermost package."""
     root = file.parent
     while (root / "__init__.py").is_file():
         root = root.parent
@@ -209,7 +216,7 @@ def _import_file(file: Path, name: str) -> ModuleType:
 
 
 def _import(module: str, name: str) -> ModuleType:
-    """Return the module of the machine `name`."""
+    """Import a module for the machine `name`; its own errors become `MachineImportError`."""
     try:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
@@ -227,7 +234,7 @@ def _is_within(module: str, package: str | None) -> bool:
 
 
 def _place(error: BaseException) -> tuple[str, int] | None:
-    """Return the file and line of the code that is not ours where an error was raised."""
+    """Return file and line of the innermost code that is not ours where an error was raised."""
     if isinstance(error, SyntaxError) and error.filename is not None:
         return error.filename, error.lineno or 1
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
@@ -236,28 +243,147 @@ def _place(error: BaseException) -> tuple[str, int] | None:
     return None
 
 
-def with_called_bundles(classes: Mapping[str, type[Machine]]) -> dict[str, type[Machine]]:
-    """Return machines, by name, and the bundles beside theirs that their code names.
+class ResolvedPlan:
+    """A plan with the `classes` of its machines, by the names that they get, in the plan's order.
 
-    Raise what `load_bundle` raises.
+    `library` finds those that their code loads by name, for `assemble`.
     """
-    found, waiting = dict(classes), [*classes.values()]
-    while waiting:
-        for other in _named_by(waiting.pop()):
-            if other.stem not in found:
-                found[other.stem] = load_bundle(other)
-                waiting.append(found[other.stem])
-    return found
+
+    def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
+        found = [_find(planned, folders, source) for planned in plan.machines]
+        names = names_of(plan, [cls.__name__ for cls in found])
+        self.classes = dict(zip(names, found, strict=True))
+        self.plan = plan
+        beside = [Path(cls.table.path) for cls in found]
+        bundles = [path.parent for path in beside if path.suffix == SUFFIX]
+        self.library = _MachineFinder(self.classes.values(), dict.fromkeys([*folders, *bundles]))
+
+    def set(self, texts: Iterable[str]) -> None:
+        """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``.
+
+        Raise ``click.UsageError`` for a text that names no machine, variable or slot.
+        """
+        machines = dict(zip(self.classes, self.plan.machines, strict=True))
+        for text in texts:
+            place, _, value = text.partition("=")
+            name, _, what = place.partition(":")
+            if name not in machines:
+                known = ", ".join(machines) or "none"
+                raise click.UsageError(
+                    f"{text!r}: no machine {name!r}; there are: {known}"
+                    f"{did_you_mean(name, machines)}"
+                )
+            planned = machines[name]
+            if planned.preload:
+                raise click.UsageError(
+                    f"{text!r}: {name} is only preloaded; the machine that loads it sets that"
+                )
+            if what.endswith(":"):
+                slot = _slot(text, name, self.classes[name], what[:-1])
+                machines[name] = replace(planned, slots={**planned.slots, slot: value})
+            else:
+                typed = _typed(text, name, self.classes[name], what, value)
+                machines[name] = replace(planned, variables={**planned.variables, what: typed})
+        self.plan = replace(self.plan, machines=tuple(machines.values()))
 
 
-def _named_by(cls: type[Machine]) -> Iterator[Path]:
-    folder = Path(cls.table.path)
-    if folder.suffix != SUFFIX:
-        return
-    for state in cls.table.states:
-        for code in state.sections.values():
-            for text in code.__code__.co_consts if isinstance(code, FunctionType) else ():
-                if isinstance(text, str) and text.isidentifier():
-                    other = folder.with_name(f"{text}{SUFFIX}")
-                    if other.is_dir():
-                        yield other
+class _MachineFinder:
+    """Find the machines that code loads by name: those of the plan, and bundles beside them."""
+
+    def __init__(self, classes: Iterable[type[Machine]], folders: Iterable[Path]):
+        self._classes = {cls.__name__: cls for cls in classes}
+        self._folders = (Path(), *folders)
+
+    def __call__(self, name: str) -> type[Machine] | None:
+        """Return the machine class of that name, or None."""
+        if name in self._classes:
+            return self._classes[name]
+        try:
+            return find_machine_class(name, self._folders)
+        except click.UsageError:
+            return None  # the arrangement's error names the machines that can be loaded
+
+
+def parse_arguments(
+    arguments: Iterable[str],
+    table: Path | None,
+    suspended: Iterable[str],
+    preloaded: Iterable[str],
+) -> ResolvedPlan:
+    """Make the plan of the arguments of ``llfsm run``: machines, settings, or a plan's file.
+
+    `table` is the file of a dispatch table; `suspended` and `preloaded` machines are added last.
+    Raise ``click.UsageError`` for arguments that name no machine or contradict each other, and
+    what `find_machine_class` raises.
+    """
+    sets = [text for text in arguments if ":" in text.partition("=")[0] and "=" in text]
+    machines = [text for text in arguments if text not in sets]
+    files = [Path(text) for text in machines if text.endswith(_PLAN)]
+    if table is not None:
+        files.append(table)
+    if len(files) > 1 or (files and len(machines) > (table is None)):
+        raise click.UsageError("name one arrangement file or one dispatch table, without machines")
+    more = [PlannedMachine(definition=text, suspended=True) for text in suspended]
+    more += [PlannedMachine(definition=text, preload=True) for text in preloaded]
+    if files:
+        file = files[0]
+        folders = [file.absolute().parent, Path()]
+        if file.suffix == _PLAN:
+            plan = read_plan(file)
+        else:
+            plan = read_dispatch_table(file)
+            folders.reverse()  # as in clfsm, paths are relative to the current folder
+    else:
+        plan = Plan(machines=tuple(_named(text) for text in machines))
+        folders = [Path()]
+    plan = replace(plan, machines=(*plan.machines, *more))
+    if all(planned.preload for planned in plan.machines):
+        only = f"; {sets[0]!r} sets a variable or a slot of one" if sets else ""
+        raise click.UsageError(f"name a machine to run{only}; `llfsm run --help` shows examples")
+    resolved = ResolvedPlan(plan, folders, f"{files[0]}: " if files else "")
+    resolved.set(sets)
+    return resolved
+
+
+def _named(text: str) -> PlannedMachine:
+    """Read ``definition`` or ``name=definition``."""
+    name, equals, definition = text.partition("=")
+    if not equals:
+        return PlannedMachine(definition=text)
+    return PlannedMachine(definition=definition, name=name)
+
+
+def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
+    """Find the class of a machine; `source` is the file that names it, "" for an argument."""
+    try:
+        return find_machine_class(planned.definition, folders)
+    except click.UsageError as error:
+        why = f"{source}{error.message}"
+        if planned.name is not None and not source:
+            why = f"{planned.name}={planned.definition}: {why}"
+            why += "; a variable is set by name:variable=value"
+        raise click.UsageError(why) from error
+
+
+def _slot(text: str, name: str, cls: type[Machine], slot: str) -> str:
+    known = cls.table.slots
+    if slot not in known:
+        names = ", ".join(known) or "none"
+        raise click.UsageError(
+            f"{text!r}: {name} uses no slot {slot!r}; it uses: {names}{did_you_mean(slot, known)}"
+        )
+    return slot
+
+
+def _typed(text: str, name: str, cls: type[Machine], variable: str, value: str) -> Any:
+    known = cls.table.variables
+    if variable not in known:
+        names = ", ".join(known) or "none"
+        raise click.UsageError(
+            f"{text!r}: {name} has no variable {variable!r}; it has: {names}"
+            f"{did_you_mean(variable, known)}"
+        )
+    try:
+        return msgspec.convert(value, known[variable].type, strict=False)
+    except msgspec.ValidationError as error:
+        raise click.UsageError(f"{text!r}: {error}") from error

@@ -1,6 +1,7 @@
-"""A group of `llfsm` processes: started, supervised and ended as one.
+"""The parts of a demo, run and ended as one: `llfsm` processes, or threads of this process.
 
-A running demo on the terminal.
+Processes are those that a user would start by hand, on one whiteboard; one that dies can be started
+again. Threads need no shared memory, so a demo also runs on systems that have none.
 """
 
 from __future__ import annotations
@@ -12,35 +13,52 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
 import click
 
-from llfsm.cli.options import BoardPlace
-from llfsm.cli.ps import Watcher, machine_table, slot_table, turtle_field
+from llfsm.bridges.turtlesim.node import TurtlesimNode
+from llfsm.bridges.turtlesim.simulator import Simulator, run
+from llfsm.cli.machines import parse_arguments
+from llfsm.cli.view import VIEW_PORT, listen, make_server, page_address
 from llfsm.errors import LlfsmError
+from llfsm.runtime.plans import assemble
+from llfsm.runtime.presence.live import LiveEnvironment
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from starlette.types import ASGIApp
+
+    from llfsm.whiteboard import Board
 
 
 _PATIENCE_S = 5.0  # from SIGTERM to SIGKILL
 
 
-class ProcessDiedError(LlfsmError):
-    """A process has ended that should not have; the text ends with its last lines."""
-
-
 class ProcessStatus(NamedTuple):
-    """The status of a process."""
+    """The status of a part."""
 
     name: str
     pid: int | None
-    """None while it waits to be started again."""
+    """None while a process waits to be started again."""
     since_s: float
     output: str
     """The last line that it printed."""
+
+
+class Parts(Protocol):
+    """The parts of a demo, as the terminal shows them."""
+
+    reports: deque[str]
+
+    def statuses(self) -> list[ProcessStatus]:
+        """Return the status of each part."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Wait while the parts work."""
+        ...
 
 
 class _Process:
@@ -94,7 +112,7 @@ class _Process:
         return self.popen.returncode > 0 and self.ended - self.started < seconds
 
     def death(self, then: str = "") -> str:
-        """Return how it ended, and `then`; if it exited by itself, with its last lines."""
+        """Describe how it ended, and `then`; if it exited by itself, with its last lines."""
         code = self.popen.returncode
         if code < 0:
             return f"the {self.name} was killed by {signal.Signals(-code).name}{then}"
@@ -147,13 +165,13 @@ class Processes:
         return [process.status() for process in self._all]
 
     def check(self) -> None:
-        """Restart processes that have ended; raise :class:`ProcessDiedError` if that ends all."""
+        """Restart processes that have ended; raise `LlfsmError` if that ends all."""
         for place, process in enumerate(self._all):
             known = process.ended is not None
             if not process.has_ended():
                 continue
             if not self._restart or process.has_failed_within(self._early_s):
-                raise ProcessDiedError(process.death())
+                raise LlfsmError(process.death())
             assert process.ended is not None
             if not known:
                 self.reports.append(process.death("; it starts again"))
@@ -169,118 +187,91 @@ class Processes:
             time.sleep(min(left, 0.05))  # soon enough to report that one has died
 
 
-_FRAME_S = 0.1
-_NEWS = 5  # lines of it on the terminal
+class _Part(NamedTuple):
+    name: str
+    started: float
+    thread: threading.Thread
+    stop: Callable[[], object]
 
 
-class Parts(Protocol):
-    """The parts of a running demo: processes, or threads of this one."""
+class Threads:
+    """Run the parts of a demo as threads; leaving the ``with`` block ends them, the last first.
 
-    reports: deque[str]
-
-    def statuses(self) -> list[ProcessStatus]:
-        """Return the status of each part."""
-        ...
-
-    def wait(self, seconds: float) -> None:
-        """Wait while the parts work."""
-        ...
-
-
-class LiveBoard:
-    """The whiteboard of a demo, removed at the end.
-
-    A process of the demo that ends removes it as well; then it is created again.
+    It shows its parts, and waits, as :class:`.Processes` does. An error in one of them is raised by
+    `wait`.
     """
 
-    def __init__(self, place: BoardPlace) -> None:
-        self._place = place
-        self._open()
-
-    def _open(self) -> None:
-        self._board = self._place.open()
-        self._watcher = Watcher(self._board)
+    def __init__(self, board: Board) -> None:
+        self.reports: deque[str] = deque()
+        self._board = board
+        self._all: list[_Part] = []
+        self._failed: deque[Exception] = deque()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._board.remove()
-        self._board.close()
+        while self._all:
+            part = self._all.pop()
+            part.stop()
+            part.thread.join()
 
-    def watcher(self) -> Watcher:
-        """Return the watcher of the whiteboard, which is created again if it was removed."""
-        if not self._board.alive:
-            self._board.close()
-            self._open()
-        return self._watcher
+    def start_simulator(self, simulator: Simulator) -> None:
+        """Start a turtle simulator."""
+        step, ending = TurtlesimNode(simulator, self._board).step, threading.Event()
+        self._start("simulator", partial(run, step, ending.is_set), ending.set)
 
+    def start_machines(self, names: Sequence[str]) -> None:
+        """Start the machines of these names as one arrangement."""
+        resolved = parse_arguments(names, None, (), ())
+        environment = LiveEnvironment(self._board)
+        arrangement = assemble(
+            resolved.plan, resolved.classes, environment, library=resolved.library
+        )
+        self._start("machine", arrangement.run, partial(arrangement.stop, "the demo ends"))
 
-def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: float | None) -> None:
-    """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
-    started = time.monotonic()
-    until = float("inf") if seconds is None else started + seconds
+    def start_page(self, token: str) -> str:
+        """Serve the page of the whiteboard on this host; return its address."""
+        from llfsm.bridges.view.live_source import LiveSource
 
-    def timed(line: str) -> str:
-        return f"{time.monotonic() - started:6.1f} s  {line}"
+        host = "127.0.0.1"
+        source = LiveSource(self._board.name, given=self._board)
 
-    if sys.stdout.isatty():
-        from rich.live import Live
+        def make_app(token: str) -> ASGIApp:
+            from llfsm.bridges.view.app import make_app
 
-        news: deque[str] = deque(maxlen=_NEWS)
-        with Live(auto_refresh=False) as live:
-            while time.monotonic() < until:
-                news.extend(map(timed, _reports(parts)))
-                shown = _picture(watcher(), title, parts.statuses(), news)
-                live.update(shown, refresh=True)
-                parts.wait(_FRAME_S)
-        return
-    click.echo(title)
-    printed: dict[str, str] = {}
-    while time.monotonic() < until:
-        for report in _reports(parts):
-            click.echo(timed(report))
-        watched = watcher()
-        pose = watched.pose()
-        where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
-        states = {machine.name: machine.state for machine in watched.machines()}
-        for machine, state in states.items():
-            if printed.get(machine) != state:
-                click.echo(timed(f"{machine}: {state}{where}"))
-        printed = states
-        parts.wait(_FRAME_S / 2)
+            return make_app(source, host=host, token=token, control=False)
 
+        server = make_server(make_app, token)
+        try:
+            listener = listen(host, VIEW_PORT)
+        except click.ClickException:  # another page has it
+            listener = listen(host, 0)
+        self._start(
+            "page",
+            partial(server.run, sockets=[listener]),
+            partial(setattr, server, "should_exit", True),
+        )
+        return page_address(host, listener.getsockname()[1], token)
 
-def _reports(parts: Parts) -> Iterator[str]:
-    while parts.reports:
-        yield parts.reports.popleft()
+    def statuses(self) -> list[ProcessStatus]:
+        """Return the status of each part, in the order of their start."""
+        now = time.monotonic()
+        return [ProcessStatus(p.name, os.getpid(), now - p.started, "") for p in self._all]
 
+    def wait(self, seconds: float) -> None:
+        """Wait, and raise the error that has ended a part."""
+        if self._failed:
+            raise self._failed.popleft()
+        time.sleep(seconds)  # between two looks of the screen
 
-def _picture(
-    watcher: Watcher, title: str, processes: Sequence[ProcessStatus], news: Sequence[str]
-) -> RenderableType:
-    """Return the screen of a terminal: machines, turtle, processes, slots and the latest news."""
-    from rich.columns import Columns
-    from rich.console import Group
-    from rich.panel import Panel
-    from rich.table import Table
-    from rich.text import Text
+    def _start(self, name: str, run: Callable[[], object], stop: Callable[[], object]) -> None:
+        def execute() -> None:
+            try:
+                run()
+            except Exception as error:  # raised again where the demo waits
+                self._failed.append(error)
 
-    machines = machine_table(watcher.machines())
-    running = Table.grid(padding=(0, 2))
-    for name, pid, since_s, output in processes:
-        state = Text("starts again", "bold red") if pid is None else Text(f"process {pid}", "green")
-        running.add_row(name, state, f"{since_s:5.0f} s", Text(output, "dim", no_wrap=True))
-    pose = watcher.pose()
-    board = slot_table(watcher.slots())
-    top: list[RenderableType] = [Panel(machines, title="machines", title_align="left")]
-    if pose is not None:
-        where = f"turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
-        top.append(Panel(turtle_field(watcher, pose), title=where, title_align="left"))
-    return Group(
-        Text(title, "bold"),
-        Columns(top),
-        Panel(running, title="processes", title_align="left"),
-        Panel(board, title="whiteboard", title_align="left"),
-        *(Text(line, "red") for line in news),
-    )
+        thread = threading.Thread(target=execute, name=name, daemon=True)
+        self._all.append(_Part(name, time.monotonic(), thread, stop))
+        thread.start()
