@@ -13,7 +13,7 @@ from llfsm.runtime.bundles.code import parse_expression
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, Fragment
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import class_fields, message_fields
-from llfsm.runtime.editing.document import Document
+from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.sketch import sketch
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
