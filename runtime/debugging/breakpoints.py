@@ -30,7 +30,8 @@ from llfsm.runtime.engine.machine import Machine
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
-    from llfsm.runtime.engine.seat import BoundState, Seat
+    from llfsm.runtime.engine.ringlet import BoundState
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.engine.state import SectionCode
 
 

@@ -17,7 +17,7 @@ from llfsm.runtime.debugging.breakpoints import Breakpoint, Probes, check_breakp
 from llfsm.runtime.debugging.causes import Fired, LastTurns, Sight, raised_at, sight_of
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError, OptionError
 from llfsm.runtime.engine.events import Eval, Event, Turn
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.message_text import parse_message
 
 if TYPE_CHECKING:
@@ -53,7 +53,9 @@ class OverrideLeases:
 
     def left_s(self, machine: str, sensor: str) -> float | None:
         """Return how long a sensor stays overridden; None if only a release ends that."""
-        ends_s = self._ends_s.get((machine, self._arrangement.slot_of(machine, sensor).name))
+        ends_s = self._ends_s.get(
+            (machine, self._arrangement.control.slot_of(machine, sensor).name)
+        )
         return None if ends_s is None else max(0.0, ends_s - time.monotonic())
 
     def look(self) -> None:
@@ -61,8 +63,8 @@ class OverrideLeases:
         for (machine, slot), ends_s in [*self._ends_s.items()]:
             if time.monotonic() > ends_s:
                 self.end(machine, slot)
-                for sensor in self._arrangement.overridden(machine):
-                    if self._arrangement.slot_of(machine, sensor).name == slot:
+                for sensor in self._arrangement.roster.find(machine).overridden:
+                    if self._arrangement.control.slot_of(machine, sensor).name == slot:
                         what = "nobody renews the override: %s: %s is released"
                         logger().warning(what, machine, sensor)
                         self._arrangement.release(machine, sensor)
@@ -127,12 +129,12 @@ class Debugger:
         """What the machines have evaluated last."""
         self._hits: list[str] = []  # the breakpoints at which it is to be paused
         self._hit_in = ""  # the machine at whose breakpoint, or after whose step, it is paused
-        arrangement.instrument = self
+        arrangement.kernel.instrument = self
 
     @classmethod
     def of(cls, arrangement: Arrangement) -> Self:
         """Return the debugger of an arrangement, or make one."""
-        found = arrangement.instrument
+        found = arrangement.kernel.instrument
         return found if isinstance(found, cls) else cls(arrangement)
 
     @property
@@ -143,7 +145,7 @@ class Debugger:
     @property
     def paused(self) -> str:
         """Why the arrangement is paused; "" while it is not."""
-        return self.arrangement.paused
+        return self.arrangement.kernel.paused
 
     @property
     def machine(self) -> str:
@@ -152,7 +154,7 @@ class Debugger:
         At a breakpoint that of it, after a step the one that has fired or left its state, else the
         one whose turn is to come.
         """
-        loaded = (each.machine for each in filter(None, self.arrangement.standings()))
+        loaded = (each.machine for each in filter(None, self.arrangement.roster.standings()))
         if self._hit_in in loaded:  # one that has failed may be no more
             return self._hit_in
         return self.turn.machine if self.turn else ""
@@ -211,7 +213,7 @@ class Debugger:
                 goal = Goal("step: transition", lambda _: self._shows(self._arrived))
             case "leave":
                 name = machine or self.machine
-                state = self.arrangement.standing(name).state
+                state = self.arrangement.state_name_of(name)
                 goal = Goal(
                     f"step: {name} left {state}",
                     lambda _: not self.stands(name, state) and self._shows(name),
@@ -234,9 +236,9 @@ class Debugger:
         """
         found = [Breakpoint.parse(text) for text in texts]
         new = [each for each in found if each.text not in self.breakpoints]
-        machines = {**self.arrangement.classes, **(library or {})}
+        machines = {**self.arrangement.control.loader.classes, **(library or {})}
         machines.update((each.name, type(each)) for each in self.arrangement.machines)
-        check_breakpoints(new, machines, self.arrangement.slots_read)
+        check_breakpoints(new, machines, self.arrangement.roster.slots_read)
         self._equip(found)
 
     @property
@@ -266,7 +268,7 @@ class Debugger:
         With a lease, it is released when that is over, unless it comes again. Raise what
         `Arrangement.override` raises, and `MessageFieldError`.
         """
-        slot = self.arrangement.slot_of(machine, sensor)
+        slot = self.arrangement.control.slot_of(machine, sensor)
         message = None if text.strip() == "null" else parse_message(slot, text)
         self.arrangement.override(machine, sensor, message)
         if lease_s is not None:
@@ -293,9 +295,9 @@ class Debugger:
         self._probes = Probes(breakpoints, self._hit, self._probes)
         self.leases = {text: self.leases[text] for text in self.breakpoints if text in self.leases}
         slots |= {each.slot for each in self._probes.breakpoints}
-        self.arrangement.equip(self)
+        self.arrangement.kernel.equip(self)
         for slot in slots - {""}:
-            self.arrangement.read_again(slot)
+            self.arrangement.kernel.read_again(slot)
 
     def bound(self, seat: Seat) -> None:
         """Wrap the sections that breakpoints are in."""
@@ -313,7 +315,7 @@ class Debugger:
         self._probes.test_failures(seat)
         if self._goal is not goal:
             self.fired = Fired.failed(seat, error, now_ns)
-        if self._goal is not None and self.arrangement.on_error == "stop":
+        if self._goal is not None and self.arrangement.kernel.on_error == "stop":
             self._wait(f"{self._goal.why}: {error}", None)
 
     def _hit(self, breakpoint: Breakpoint, problem: str, seat: Seat, source: str) -> None:
@@ -346,33 +348,33 @@ class Debugger:
 
     def stands(self, machine: str, state: str) -> bool:
         """Return whether a machine is loaded, and in that state."""
-        standings = filter(None, self.arrangement.standings())
+        standings = filter(None, self.arrangement.roster.standings())
         return any((each.machine, each.state) == (machine, state) for each in standings)
 
     def _run(self, goal: Goal) -> None:
         self._goal = goal
-        if self not in self.arrangement.observers:
+        if self not in self.arrangement.kernel.observers:
             self.turns.forget()
             self.arrangement.attach(self)
         self._release()
         self.arrangement.environment.wake()
 
     def _release(self) -> None:
-        self.arrangement.paused = ""
+        self.arrangement.kernel.paused = ""
         self._is_paused.clear()
         self._go.set()
 
     def _begin(self, why: str) -> None:
-        self.arrangement.paused = why
+        self.arrangement.kernel.paused = why
         if self._on_pause == "safe":
-            for standing in filter(None, self.arrangement.standings()):
-                self.arrangement.post_safe(standing.machine)
+            for standing in filter(None, self.arrangement.roster.standings()):
+                self.arrangement.control.post_safe(standing.machine)
         self.pauses += 1
         self._is_paused.set()
 
     def _hold(self, is_over: Callable[[], bool]) -> None:
         """Return when the pause is over; a stop ends it, too."""
-        self.arrangement.pause(is_over)
+        self.arrangement.kernel.pause(is_over)
 
     def _wait(self, why: str, turn: Turn | None) -> None:
         self._go.clear()
@@ -394,7 +396,7 @@ class Debugger:
             self._hold(is_over)
         finally:
             self._is_paused.clear()
-            self.turn, self.fired, self._hit_in, self.arrangement.paused = None, None, "", ""
+            self.turn, self.fired, self._hit_in, self.arrangement.kernel.paused = None, None, "", ""
             self._hits.clear()
             if not self._go.is_set():  # a stop or an error has ended it
                 self.proceed()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from llfsm.errors import LlfsmError
 from llfsm.runtime.debugging.debugger import Debugger
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.messages.llfsm import MachineWhy, SeenTransition
 
 if TYPE_CHECKING:

@@ -3,22 +3,15 @@
 All carry the round, counted from 1, and the time of the arrangement's clock in nanoseconds.
 An observer is any function of one event; with none attached no event is made. A machine's
 `index` is its place in the order; that it hides `tuple.index` is what the ignored types are.
-
-Who watches an arrangement: observers, and the one that records all that it sees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from enum import IntEnum, StrEnum
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.engine.errors import ObserverError
-
-if TYPE_CHECKING:
-    from llfsm.runtime.engine.environment import Read
-    from llfsm.runtime.engine.errors import ExecutionError
-    from llfsm.runtime.engine.seat import Seat
 
 
 class Request(StrEnum):
@@ -172,38 +165,6 @@ Event: TypeAlias = (
 
 Observer: TypeAlias = Callable[[Event], None]
 """A function that is called with each event; if it raises, the run ends with `ObserverError`."""
-
-
-class Instrument(Protocol):
-    """What a debugger adds to an arrangement, where observing every event would cost too much."""
-
-    def bound(self, seat: Seat) -> None:
-        """Wrap what is of interest of a machine's table, which has just been bound."""
-        ...
-
-    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
-        """Return what reads a sensor of `slot`, in place of `read`."""
-        ...
-
-    def look(self) -> None:
-        """Do what is due; called several times a second where requests come from outside."""
-        ...
-
-    def end_lease(self, machine: str, slot: str) -> None:
-        """End the lease of what was overridden before: it does not end the override after it."""
-        ...
-
-    def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return how long a sensor stays overridden; None if only a release ends that."""
-        ...
-
-    def pause_left_s(self) -> float | None:
-        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
-        ...
-
-    def failed(self, seat: Seat, error: ExecutionError) -> None:
-        """Note that code of a machine has raised; what comes of that waits for the return."""
-        ...
 
 
 class Observers(list[Observer]):

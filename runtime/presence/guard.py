@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import msgspec
 
-from llfsm.runtime.engine.failure import one_line
+from llfsm.errors import one_line
 from llfsm.runtime.presence.slot_ownership import OwnReport
 from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError

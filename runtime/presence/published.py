@@ -1,10 +1,8 @@
-"""One machine on the whiteboard: its slots, the name that it has there, and its last will.
+"""A machine on the whiteboard: its slots, the name that it has there, and its last will.
 
-A machine as messages: its definition, and the values of its variables and sensors.
-
-To draw a machine of another process, or of a recording, its table is made of the definition again.
-
-What an arrangement publishes while somebody looks: variables, and why states are kept.
+Beside its status, a machine publishes its *definition* once, from which a viewer makes a table
+again to draw it, and, while somebody looks, the values of its *variables* and *why* it is in its
+state. Each of them has a limit: whatever a machine holds, publishing it must not stop a robot.
 """
 
 from __future__ import annotations
@@ -13,16 +11,17 @@ import math
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
-from llfsm.runtime.engine.failure import logger, one_line
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import is_live
 from llfsm.runtime.presence.will import Will, vacate_executed
 from llfsm.runtime.value_text import ValueText
@@ -202,22 +201,6 @@ def _plain(value: Any) -> bool | int | float | str | None:
     return text
 
 
-class Published(NamedTuple):
-    """The part of a status that is posted as soon as it changes."""
-
-    state: str
-    suspended: bool
-    pending: str
-    obeyed: int
-    entered_ns: int | None
-    failure: Failure | None
-    hang: str
-    paused: str
-    overridden: tuple[str, ...]
-    caller: str
-    refusal: str
-
-
 class PublishedMachine:
     """The slots of one machine. The machine of another process may have its name there."""
 
@@ -234,7 +217,7 @@ class PublishedMachine:
         self._safe_values = safe_values
         self._silent_ms = silent_ms
         self.name = self.published_name = name
-        self.namesake: MachineStatus | None = None  # of the live machine that has the name
+        self.rival: MachineStatus | None = None  # of the live machine that has the name
         self._will: Will | None = None
         self._take()
 
@@ -246,7 +229,7 @@ class PublishedMachine:
             sample = self._slot.sample()
             if sample is None or not is_live(sample):
                 break
-            self.namesake = self.namesake or sample.message
+            self.rival = self.rival or sample.message
             number += 1
             names = f"{self.name}.{number}"
         self.published_name = names
@@ -258,7 +241,7 @@ class PublishedMachine:
         self._will = self._leave_will(names)
         self.obeyed = self._requests.count  # those were for an earlier process
         self._count = 0
-        self.published: Published | None = None
+        self.published: MachineStatus | None = None
         self.beat_ns = 0
         self._variables = variables_slot(names)
         self._why = why_slot(names)
@@ -323,28 +306,10 @@ class PublishedMachine:
         if self._will is not None:
             self._will.keep()
 
-    def post(self, published: Published, status: MachineStatus, now_ns: int) -> None:
+    def post(self, status: MachineStatus, now_ns: int) -> None:
         """Post the status."""
         self._count = self._slot.add(status)
-        self.published, self._status, self.beat_ns = published, status, now_ns
-
-    def beat(self, progress: tuple[int, int], now_ns: int) -> bool:
-        """Post the status of a machine that stands as it did; False if that is to be described."""
-        self.keep()
-        published = self.published
-        if published is None or published.hang or published.overridden or published.paused:
-            return False
-        before, (ringlets, overruns) = self._status, progress
-        passed_s = (now_ns - self.beat_ns) / 1e9
-        status = msgspec.structs.replace(
-            before,
-            ringlets=ringlets,
-            overruns=overruns,
-            in_state_s=0.0 if published.entered_ns is None else before.in_state_s + passed_s,
-            error_s=before.error_s + passed_s if before.failed else 0.0,
-        )
-        self.post(published, status, now_ns)
-        return True
+        self.published, self.beat_ns = status, now_ns
 
     def request(self) -> MachineRequest | None:
         """Return the request that came since the last call: the latest replaces the others."""
@@ -447,7 +412,7 @@ class Viewing:
         from llfsm.runtime.debugging.debugger import Debugger
         from llfsm.runtime.debugging.obeying import why_of
 
-        is_paused = bool(self._arrangement.paused)  # then no round comes
+        is_paused = bool(self._arrangement.kernel.paused)  # then no round comes
         is_ready, self._is_sampled = self._is_sampled or is_paused, not is_paused
         for entry in entries if is_ready else ():
             with self._tolerating:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from llfsm.runtime.engine.errors import ActuatorTakenError, LoadError
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard.errors import (
     BoardClosedError,

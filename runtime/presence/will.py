@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from llfsm.runtime.engine.failure import logger, one_line
+from llfsm.errors import one_line
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.errors import (
     BoardFullError,
     MessageError,

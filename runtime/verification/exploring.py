@@ -19,7 +19,7 @@ from llfsm.runtime.verification.time_model import ENDINGS, AnyTime, Passing, Per
 from llfsm.runtime.verification.unmodelled_state import Hidden, check_repeats
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Factory
+    from llfsm.runtime.engine.kernel import Factory
     from llfsm.whiteboard import Slot
 
 

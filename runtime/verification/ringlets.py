@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
 
-from llfsm.runtime.engine.arrangement import Arrangement, Loadable, LoadOptions
 from llfsm.runtime.engine.clock import NEVER
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.ringlet import ringlet
+from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.errors import UnsupportedError
@@ -39,7 +39,7 @@ from llfsm.runtime.verification.values import (
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
     from llfsm.runtime.engine.machine import Submachine
-    from llfsm.runtime.engine.seat import BoundState
+    from llfsm.runtime.engine.ringlet import BoundState
 
 
 M = TypeVar("M", bound=Machine)
@@ -48,11 +48,30 @@ M = TypeVar("M", bound=Machine)
 Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 
 
-class Ringlets(Arrangement):
-    """An arrangement that runs ringlets from any standing."""
+class _ExploredKernel(Kernel):
+    """Turns of machines whose failures are kept."""
 
     environment: ExploredEnvironment
-    unobserved = staticmethod(ringlet)  # the definition: its twin in C knows no opaque time
+    unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
+    error: ExecutionError | None = None
+    """What a machine's code raised in the latest turn."""
+
+    @property
+    def contains_exits(self) -> bool:
+        """Whether code that exits has failed: it must not end what explores it."""
+        return True
+
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Keep what a machine's code raised; the machine stays as it is."""
+        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
+            raise error.__cause__
+        self.error = error
+
+
+class Ringlets(Control):
+    """Machines of which any may have a ringlet, from any standing."""
+
+    kernel: _ExploredKernel
 
     def __init__(
         self,
@@ -63,9 +82,9 @@ class Ringlets(Arrangement):
         abstract: Abstraction,
         controlled: Iterable[str],
     ):
-        super().__init__(environment=ExploredEnvironment(), unload_accepting=unload_accepting)
+        self.environment = ExploredEnvironment()
+        super().__init__(_ExploredKernel(self.environment, unload_accepting=unload_accepting))
         self._controlled = frozenset(controlled)  # by anybody
-        self._error: ExecutionError | None = None
         self._complete = False
         for member in members:
             member.load(self)
@@ -118,14 +137,14 @@ class Ringlets(Arrangement):
                 seat.schedule(Request.SUSPEND)
             seat.schedule(given.request)
         self._set_variables(given, other_copy if copied else deepcopy)
-        self.stopping = given.stopping
+        self.kernel.stopping = given.stopping
         for slot, content in given.contents:
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
         environment.begin(seat.name, given.elapsed_ns if was.entered else None)
-        self._error = None
+        self.kernel.error = None
         self.executed += 1
-        fired = self.give_turns((seat,))
+        fired = self.kernel.give_turns((seat,))
         self._check_ports(given.place)
         known = environment.touched & self.places.keys()  # others are refused
         touched = {self.places[name] for name in known} - {given.place}
@@ -133,7 +152,7 @@ class Ringlets(Arrangement):
             raise UnknownStandingError(touched)
         if environment.refusal is not None:
             raise environment.refusal
-        clock_state = seat.previous
+        clock_state, error = seat.previous, self.kernel.error
         after = [(other, self._control_of(other)) for other in sorted(touched)]
         return RingletOutcome(
             environment.low_ns,
@@ -151,13 +170,13 @@ class Ringlets(Arrangement):
                 for entered, limit in environment.limits
             ),
             _fired(seat, clock_state) if fired and clock_state is not None else None,
-            0 if self._error is None else self.errors.code(str(self._error), self._error),
+            0 if error is None else self.errors.code(str(error), error),
         )
 
     def _check_ports(self, place: int) -> None:
         """Refuse a machine that replaces what is no variable, and would stay so."""
         machine = self.seats[place].machine
-        kept = {"stopping": self.stopping}
+        kept = {"stopping": self.kernel.stopping}
         if self.seats[place].taken:  # else its actuators are closed
             kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
         for name, value in kept.items():
@@ -196,13 +215,6 @@ class Ringlets(Arrangement):
         seat = self.seats[place]
         self._stand(place, self.controls[place].values[control])
         return seat.taken and seat.suspended and seat.name in self._controlled
-
-    # What the engine asks of an arrangement
-
-    @property
-    def contains_exits(self) -> bool:
-        """Whether code that exits has failed: it must not end what explores it."""
-        return True
 
     # Who is loaded is known only of machines that were asked for: note them before anything else.
 
@@ -286,12 +298,6 @@ class Ringlets(Arrangement):
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Refuse."""
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
-
-    def fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Keep what a machine's code raised; the machine stays as it is."""
-        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
-            raise error.__cause__
-        self._error = error
 
     # Standings
 

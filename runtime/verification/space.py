@@ -237,7 +237,7 @@ class Space:
         """The slots that they use, by name."""
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
-        self.unload_accepting = system.ringlets.unload_accepting
+        self.unload_accepting = system.ringlets.kernel.unload_accepting
         self.search = search
         """The states themselves, packed, and what leads from one to the next."""
         self._system = system

@@ -92,7 +92,7 @@ class TravelDebugger(Debugger):
 
     def before_state(self, machine: str) -> int:
         """Return the last moment at which a machine was not in its state; 0 if there is none."""
-        state = self.arrangement.standing(machine).state
+        state = self.arrangement.state_name_of(machine)
         is_new = self._states.get(machine) != state  # since the last turn
         return self.number if is_new else self._since[machine] - 1
 
@@ -335,7 +335,7 @@ class Travel:
             case "transition":
                 moment = _last_before(now, self.debugger.arrivals)
             case "leave":
-                state = self.arrangement.standing(name).state
+                state = self.arrangement.state_name_of(name)
                 moment = self.debugger.before_state(name)
         if not moment:
             what = {

@@ -71,7 +71,7 @@ def sight(travel: Travel) -> object:
         debugger.moment,
         debugger.turn,
         travel.now_s,
-        arrangement.standings(),
+        arrangement.roster.standings(),
         [variables_of(arrangement.machine(name)) for name in names],
         [why_of(arrangement, name, debugger.now_ns).transitions for name in names],
     )
@@ -134,13 +134,13 @@ def test_a_step_back_runs_the_machines_again_once(
 
 def test_a_machine_goes_back_to_before_it_came_to_its_state(travel: Travel) -> None:
     travel.goto(1e9)
-    standing = travel.arrangement.standing("Follower")
+    standing = travel.arrangement.roster.find("Follower").standing()
     travel.back("leave", "Follower")
     before = travel.debugger.moment
-    assert travel.arrangement.standing("Follower").state != standing.state
+    assert travel.arrangement.state_name_of("Follower") != standing.state
     assert travel.debugger.turn.machine == "Follower"
     travel.step("turn")
-    assert travel.arrangement.standing("Follower").state == standing.state
+    assert travel.arrangement.state_name_of("Follower") == standing.state
     travel.goto(0)
     with pytest.raises(MomentError, match="Follower has been in low from the beginning"):
         travel.back("leave", "Follower")
@@ -209,7 +209,7 @@ def test_code_that_has_changed_is_followed_up_to_where_it_differs(run: Run) -> N
         travel.proceed()
         assert travel.end.startswith("from here on the machines do not act as recorded: event ")
         assert "* message" in travel.end
-        assert travel.arrangement.standing("Follower").state == "high"
+        assert travel.arrangement.state_name_of("Follower") == "high"
         end = travel.end
         travel.back("turn")
         assert travel.debugger.turn.machine == "Follower"

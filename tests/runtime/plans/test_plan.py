@@ -153,12 +153,16 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
     arrangement = made(reported)
     assert names(arrangement) == ["left", "Counter"]
     assert arrangement.is_suspended("Counter")
-    assert (arrangement.idle_us, arrangement.wake, arrangement.unload_accepting) == (
+    assert (
+        arrangement.pace.idle_us,
+        arrangement.pace.wake,
+        arrangement.kernel.unload_accepting,
+    ) == (
         0,
         False,
         False,
     )
-    assert arrangement.on_error == "suspend"
+    assert arrangement.kernel.on_error == "suspend"
 
 
 def test_what_a_file_need_not_say(tmp_path: Path) -> None:
@@ -167,9 +171,9 @@ def test_what_a_file_need_not_say(tmp_path: Path) -> None:
     assert reported.timetable(["Other"]) is None
     arrangement = made(reported)
     bare = Arrangement()
-    assert arrangement.idle_us == bare.idle_us
-    assert arrangement.unload_accepting is bare.unload_accepting
-    assert arrangement.on_error == bare.on_error
+    assert arrangement.pace.idle_us == bare.idle_us
+    assert arrangement.kernel.unload_accepting is bare.unload_accepting
+    assert arrangement.kernel.on_error == bare.on_error
     assert not arrangement.paced
 
 
@@ -279,8 +283,8 @@ def test_with_a_timetable_a_preloaded_machine_has_its_turns(tmp_path: Path) -> N
         "period_us = 10\nstart_us = 5",
     )
     arrangement = made(reported, library=CLASSES)
-    assert arrangement.timetable is not None
-    assert arrangement.timetable.machines == ("Other", "Loader")
+    assert arrangement.kernel.timetable is not None
+    assert arrangement.kernel.timetable.machines == ("Other", "Loader")
     with pytest.raises(LoadError, match="Counter has no slot in the timetable"):
         arrangement.load(Counter)
     assert arrangement.load("Other") == 1

@@ -23,9 +23,8 @@ from llfsm.cli.debug.session import Session, clock_of
 from llfsm.cli.run.arguments import parse_arguments
 from llfsm.cli.run.running import place_of_call
 from llfsm.cli.run.world import recorded
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, one_line
 from llfsm.runtime.debugging.breakpoints import machines_beside
-from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 

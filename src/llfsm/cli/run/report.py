@@ -11,8 +11,7 @@ import click
 from llfsm.cli.console import log_to_console
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.events import Event, Request, Turn
-from llfsm.runtime.engine.histogram import Spread
-from llfsm.runtime.engine.statistics import MachineStatistics
+from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
 

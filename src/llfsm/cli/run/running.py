@@ -207,7 +207,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
                 texts = (timing_table(found), conditions(found), latency_drawing(found))
                 click.echo("\n".join(filter(None, texts)), err=True)
     if arrangement.reason is Reason.FAILED:
-        failed = ", ".join(arrangement.failed_machines)
+        failed = ", ".join(arrangement.roster.failed)
         raise click.ClickException(
             f"{failed} failed, and no other process can resume it: the run has ended"
         )
