@@ -174,7 +174,7 @@ def test_a_machine_that_nobody_runs_is_unknown_and_others_are_named(
         assert caught.value.elsewhere == ("Worker",)
 
 
-@pytest.mark.parametrize("ask", ["index_of", "unload", "abandon", "machine", "stop_machine"])
+@pytest.mark.parametrize("ask", ["index_of", "unload", "abandon", "hold", "stop_machine"])
 def test_what_is_done_here_only_knows_machines_here_only(board: Whiteboard, ask: str):
     parent = os.getppid()
     status = MachineStatus(
@@ -184,7 +184,7 @@ def test_what_is_done_here_only_knows_machines_here_only(board: Whiteboard, ask:
     arrangement = Arrangement([Asks], whiteboard=board)
     assert arrangement.control.is_running("Other")
     with pytest.raises(UnknownMachineError, match=r"no machine 'Other'; loaded: Asks$"):
-        getattr(arrangement, ask)("Other")
+        getattr(arrangement.control, ask)("Other")
 
 
 def test_without_a_board_only_machines_here_are_known():
