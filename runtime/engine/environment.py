@@ -26,9 +26,9 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
+from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.clock import Clock, MonotonicClock
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
-from llfsm.whiteboard.errors import BoardClosedError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
@@ -94,9 +94,13 @@ class News:
             left_s = self._clock.nap_s
         try:
             newer = self._waiter.wait(seen, left_s)
-        except BoardClosedError:  # which stops the arrangement, when it looks
+        except LlfsmError as error:
+            from llfsm.whiteboard.errors import BoardClosedError  # here, as it costs much to import
+
+            if not isinstance(error, BoardClosedError):
+                raise
             self._clock.sleep_until_ns(deadline_ns)
-            return True
+            return True  # the arrangement stops, when it looks
         woken, self._woken = self._woken, False
         return woken or not self._heeded.issuperset(newer)
 

@@ -99,11 +99,14 @@ class SeatFields:
         name: str
         states: dict[str, BoundState]
 
-        def perform_request(self) -> None: ...
-        def explain(
-            self, state: BoundState, code: object, error: BaseException
-        ) -> BaseException: ...
-        def not_a_bool(self, state: BoundState, guard: object, value: object) -> ExecutionError: ...
+        def perform_request(self) -> None:
+            """Apply and clear the request."""
+
+        def explain(self, state: BoundState, code: object, error: BaseException) -> BaseException:
+            """Make the error to raise for one that `code` raised, in a ringlet of `state`."""
+
+        def not_a_bool(self, state: BoundState, guard: object, value: object) -> ExecutionError:
+            """Make the error to raise for a `value`, neither True nor False, of `guard`."""
 
 
 def ringlet(seat: SeatFields, /) -> bool:

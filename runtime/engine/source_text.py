@@ -1,20 +1,18 @@
 """Where a function is defined and its source text: for labels, drawings and checks.
 
-`ast` is imported where it is used, because running a machine needs none of this.
+Functions are compared by their compiled code, as several lambdas can stand on one line. `ast` and
+the like are imported where they are used, because running a machine needs none of this.
 
-Which functions read a clock or random numbers, or reach what is beside the machines.
-
-Code that calls them does not do the same again: `llfsm check` warns of clocks and random numbers,
-and verification finds all such calls as they are made.
+`reads_outside` and `reaches_outside` tell which functions read a clock or random numbers, or touch
+what is beside the machines: code that calls them does not do the same again, so `llfsm check` warns
+of clocks and random numbers, and verification finds all such calls as they are made.
 """
 
 from __future__ import annotations
 
 import _thread
-import datetime
 import io
 import os
-import random
 import time
 from collections.abc import Callable, Iterator
 from functools import lru_cache
@@ -226,7 +224,10 @@ _THREADS: Final = ("start_new_thread", "start_joinable_thread")
 
 
 def reads_outside(function: object) -> bool:
-    """Return whether what a function returns depends on the host's clock or on chance."""
+    """Return True if what a function returns depends on the host's clock or on chance."""
+    import datetime
+    import random
+
     try:
         if function in _CLOCKS or function is os.urandom:
             return True
@@ -240,7 +241,7 @@ def reads_outside(function: object) -> bool:
 
 
 def reaches_outside(function: object) -> bool:
-    """Return whether a function reads or changes files, processes or sockets, or starts threads."""
+    """Return True if a function reads or changes files, processes or sockets, or starts threads."""
     name, module = (getattr(function, each, None) for each in ("__name__", "__module__"))
     if module in _SYSTEM:
         return not str(name).startswith(_PURE)

@@ -108,7 +108,8 @@ def table_of(definition: MachineDefinition) -> Table:
     states = {defined.name: State(defined.name) for defined in definition.states}
     if len(states) < len(definition.states) or not states:
         raise DefinitionError(f"{definition.path}: no states, or two of the same name")
-    layout = MachineLayout()
+    boxes: dict[str, StateBox] = {}
+    drawn: dict[str, tuple[TransitionPath, ...]] = {}
     for defined in definition.states:
         state = states[defined.name]
         state.suspend = defined.name == definition.suspend
@@ -125,12 +126,12 @@ def table_of(definition: MachineDefinition) -> Table:
                 Transition(state, states[transition.target], ("", 0), None, None, transition.label)
             )
         if defined.box is not None:
-            layout.states[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
+            boxes[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
         paths = [transition.path for transition in defined.transitions]
-        drawn = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
-        layout.transitions[defined.name] = tuple(_drawn(path) for path in drawn)
+        whole = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
+        drawn[defined.name] = tuple(_drawn(path) for path in whole)
     table = Table(definition.path, tuple(states.values()), {}, {}, {})
-    table.layout = layout if layout.states else None
+    table.layout = MachineLayout(boxes, drawn) if boxes else None
     return table
 
 

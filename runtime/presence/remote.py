@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Status
@@ -33,6 +33,9 @@ _CLOCKS = {
     "stands": "the states' clocks stand still",
     "simulated": "the states' clocks are the simulation's",
 }
+
+_HIDDEN = {"loaded", "entered_ns", "obeyed", "born", "namespace"}  # for llfsm's own processes
+_PASSING = {"in_state_s", "error_s", "paused_left_s"}  # count from the message's stamp
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
@@ -218,6 +221,16 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
     if status.failed:
         return "failed"
     return "suspended" if status.suspended else "running"
+
+
+def shown_fields(status: MachineStatus) -> dict[str, Any]:
+    """Return the fields of a status for people and programs to see, by name.
+
+    Left out are what only llfsm's own processes need, and the times: those go on after the status
+    was published, so whoever shows them adds that.
+    """
+    names = (each for each in status.__struct_fields__ if each not in _HIDDEN | _PASSING)
+    return {name: getattr(status, name) for name in names}
 
 
 def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:

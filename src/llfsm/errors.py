@@ -6,7 +6,10 @@ Each package draws its own tree at the head of its `errors` module.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 __all__ = ["LlfsmError", "did_you_mean", "nearby_file", "nothing_called", "one_line"]
 
