@@ -5,8 +5,9 @@
 follows `llfsm run` from the command line to the first OnEntry of a machine that ships, and
 `llfsm bridge ros2`, configured by a file, to the bridge that relays (on Zenoh, with nobody else
 there). For each it prints how many of llfsm's Python files are entered, and how often one that was
-left is entered again; `--list` prints them in order. What is called at run time counts: not the
-statements of modules and classes while they are imported, nor comprehensions.
+left is entered again; `--list` prints them in order. Each function counts when it is first called,
+as nobody reads it twice: not the statements of modules and classes while they are imported, nor
+comprehensions.
 
 The fewer there are, the sooner a stranger has read how it works.
 """
@@ -19,7 +20,7 @@ import sys
 import tempfile
 from itertools import count
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("bridges", "machines", "runtime", "src", "whiteboard")
@@ -47,15 +48,19 @@ class Route:
     def __init__(self, last_file: str, last_function: str) -> None:
         self.entered: list[str] = []
         self._last = last_file, last_function
+        self._read: set[CodeType] = set()
         self._names: dict[str, str] = {}  # of product files by those that code has; "" for others
 
     def __call__(self, frame: FrameType, event: str, _: object) -> None:
         """Note where a function is called, and end the process at the last one."""
         code = frame.f_code
+        if event != "call" or code in self._read:
+            return
         name = self._file(code.co_filename)
         is_function = code.co_flags & 1 and code.co_name[0] != "<"
-        if event != "call" or not name or not is_function or self._is_imported(frame):
+        if not name or not is_function or self._is_imported(frame):
             return
+        self._read.add(code)
         if self.entered[-1:] != [name]:
             self.entered.append(name)
         if (name, code.co_name) == self._last:
