@@ -1,8 +1,8 @@
 """Run logic-labelled finite-state machines: declare them, load them, give them turns.
 
 Read in this order, in `engine`: `state` and `table` (what a machine is), `machine` (what its code
-may ask), `environment` (what it learns from and acts on), `seat`, `binding` and `ringlet` (one turn
-of one machine), `roster`, `control` and `arrangement` (all).
+may ask), `environment` (what it learns from and acts on), `ringlet` and `seat` (one turn of one
+machine), `kernel` and `arrangement` (all).
 """
 
 from llfsm.runtime.engine.arrangement import Arrangement

@@ -137,12 +137,12 @@ class Arrangement:
 
     @property
     def environment(self) -> Environment:
-        """What machines learn from and act on."""
+        """The world that machines learn from and act on."""
         return self.kernel.environment
 
     @property
     def whiteboard(self) -> Board | None:
-        """Where sensors read and actuators post."""
+        """The board that sensors read and actuators post to; None without one."""
         return self.kernel.environment.whiteboard
 
     @property
@@ -217,7 +217,7 @@ class Arrangement:
 
     @property
     def finished(self) -> bool:
-        """Whether every machine left accepts or is suspended; see `Kernel.finished`."""
+        """True if every machine left accepts or is suspended; see `Kernel.finished`."""
         return self.kernel.finished
 
     def stop(self, cause: str = "stop() was called") -> None:
@@ -226,7 +226,7 @@ class Arrangement:
 
     @property
     def stopping(self) -> bool:
-        """Whether the machines were asked to reach accepting states."""
+        """True once the machines were asked to reach accepting states."""
         return self.kernel.stopping
 
     @property
@@ -240,7 +240,7 @@ class Arrangement:
 
     @property
     def reason(self) -> Reason | None:
-        """Why it has ended; None if it has not."""
+        """The reason for the end; None before it."""
         return self.kernel.reason
 
     def attach(self, observer: Observer) -> None:

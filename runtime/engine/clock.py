@@ -1,4 +1,4 @@
-"""Where time comes from: a clock is passed in, and nothing else in the engine reads time."""
+"""Clocks. One is passed into an arrangement, and nothing else in the engine reads time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Clock:
         raise NotImplementedError
 
     def sleep_until_ns(self, deadline_ns: int, /) -> None:
-        """Return when it is `deadline_ns` or later; at once if it already is.
+        """Sleep until `deadline_ns`; return at once if it is that late.
 
         A clock that may stand still also returns earlier: callers look at it again.
         """
@@ -104,7 +104,7 @@ class DebugClock(Clock):
         return host_ns - self.behind_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later; it must not be stopped."""
+        """Sleep until `deadline_ns`; the clock must not be stopped."""
         _sleep_until_ns(deadline_ns + self.behind_ns)
 
     @contextmanager
@@ -202,7 +202,7 @@ class SimulatedClock(Clock):
         return self._now_ns if ahead_ns is None else time.monotonic_ns() + ahead_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later, and after `nap_s` seconds at the latest."""
+        """Sleep until `deadline_ns`, for at most `nap_s` seconds of the host."""
         with self._changed:
             self._changed.wait_for(lambda: self.now_ns() >= deadline_ns, self.nap_s)
 

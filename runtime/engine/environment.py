@@ -107,7 +107,7 @@ class News:
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what sleeps again and again as `Environment.doze` says."""
+        """Make the function that sleeps again and again, as `Environment.doze` says."""
         if not self._is_current:
             self._update()
         own = tuple(self._own)
@@ -151,7 +151,7 @@ class Elsewhere(Protocol):
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         ...
 
     def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
@@ -160,11 +160,11 @@ class Elsewhere(Protocol):
 
 
 class Attendant(Protocol):
-    """What an environment does between the rounds of a run: obey requests, publish statuses."""
+    """Attend to a run between its rounds: obey requests, publish statuses."""
 
     @property
     def reachable(self) -> bool:
-        """Whether another process can resume a machine that has failed."""
+        """True if another process can resume a machine that has failed."""
         ...
 
     @property
@@ -194,7 +194,7 @@ class Attendant(Protocol):
 
 
 class AgedRead(Protocol):
-    """What reads a sensor and knows the age of what it has read."""
+    """Read a sensor, and know the age of the message that was read."""
 
     start_count: int
     """The slot's count when the machine was loaded."""
@@ -204,7 +204,7 @@ class AgedRead(Protocol):
         ...
 
     def age_ns(self) -> int | None:
-        """Return how old the message is that was read last; None if there was none."""
+        """Return the age of the message that was read last, in nanoseconds; None without one."""
         ...
 
 
@@ -279,7 +279,7 @@ class BoardAgedRead:
         return sample.message
 
     def age_ns(self) -> int | None:
-        """Return how old the message is that was read last; None if there was none."""
+        """Return the age of the message that was read last, in nanoseconds; None without one."""
         return None if self._read_ns is None else self._now() - self._read_ns
 
     def _note(self, count: int) -> None:
@@ -297,7 +297,7 @@ class Environment:
 
     @property
     def alive(self) -> bool:
-        """Whether this world still exists; once it does not, the arrangement stops."""
+        """True while this world exists; once it does not, the arrangement stops."""
         return True
 
     # Subclasses say `Arrangement`; here it is Any, as that is built on environments.
@@ -325,7 +325,7 @@ class Environment:
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what to call again and again to sleep for `duration_ns` where nothing happens.
+        """Make a function to call again and again, to sleep for `duration_ns` if nothing happens.
 
         It returns True if that was so. If not, it returns what `otherwise` does, which sleeps by
         `sleep_until_ns`: that ends at once if there is news. It gets the time at which the sleep
@@ -360,7 +360,7 @@ class Environment:
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what reads the sensor as `read` does and knows the ages of messages.
+        """Make the reader of a sensor that knows the ages of messages; it reads as `read` does.
 
         `start_count` is as for `BoardAgedRead`.
         """
@@ -417,7 +417,7 @@ class Environment:
         """Let nothing be posted for a machine any more: it has left its arrangement."""
 
     def may_stop(self, cause: str) -> bool:
-        """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later.
+        """Return True if a stop takes effect now; else the environment calls `stop` later.
 
         A simulated clock passes with the host's time from then on: no pause keeps a stop waiting.
         """
@@ -439,7 +439,7 @@ class BoardEnvironment(Environment):
 
     @property
     def alive(self) -> bool:
-        """Whether the whiteboard is neither closed nor removed."""
+        """True while the whiteboard is neither closed nor removed."""
         return self.whiteboard.alive
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
@@ -451,7 +451,7 @@ class BoardEnvironment(Environment):
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what sleeps on the board, where the clock is the board's."""
+        """Let the board sleep, where its clock is that of the machines."""
         is_hosts = self.clock.sleep_until_ns is MonotonicClock.sleep_until_ns
         if is_hosts and self.alive:
             return self.news.doze(duration_ns, until_ns, otherwise)
@@ -473,7 +473,7 @@ class BoardEnvironment(Environment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what reads the slot and compares its stamps with the clock."""
+        """Make the reader that compares the messages' stamps with the clock."""
         return BoardAgedRead(sensor, self._reader(machine, slot), self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:

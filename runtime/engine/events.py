@@ -1,4 +1,4 @@
-"""What observers see: every step of an arrangement as a NamedTuple.
+"""Events: every step of an arrangement, as observers see it.
 
 All carry the round, counted from 1, and the time of the arrangement's clock in nanoseconds.
 An observer is any function of one event; with none attached no event is made. A machine's
@@ -15,7 +15,7 @@ from llfsm.runtime.engine.errors import ObserverError
 
 
 class Request(StrEnum):
-    """What another machine, or the machine itself, asks to be done at a machine's next turn."""
+    """A request of another machine, or of the machine itself, for a machine's next turn."""
 
     SUSPEND = "suspend"
     RESUME = "resume"
@@ -23,7 +23,7 @@ class Request(StrEnum):
 
 
 class Status(IntEnum):
-    """What a request returns, with clfsm's numbers: the status of the machine before it."""
+    """The status of a machine before a request, which returns it; with clfsm's numbers."""
 
     ERROR = -1
     RUNNING = 0
@@ -31,7 +31,7 @@ class Status(IntEnum):
 
 
 class Reason(StrEnum):
-    """Why an arrangement ended."""
+    """The reason for which an arrangement ended."""
 
     ACCEPTING = "accepting"  # every machine accepts or is suspended
     STOPPED = "stopped"  # asked to stop, and the grace period is over
@@ -122,7 +122,7 @@ class Failed(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Where a machine stands; `entered_ns` is when its state clock started, None if never."""
+    """The standing of a machine; `entered_ns` is when its state clock started, None if never."""
 
     index: int  # type: ignore[assignment]
     machine: str

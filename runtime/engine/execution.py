@@ -27,7 +27,7 @@ _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world 
 
 
 class Pace(NamedTuple):
-    """How an arrangement runs, as given to it; `priority` is that of SCHED_FIFO, on core `cpu`."""
+    """The options of a run; `priority` is that of SCHED_FIFO, 1 to 99, and `cpu` the only core."""
 
     idle_us: int = 10_000
     wake: bool = True
@@ -131,7 +131,7 @@ class Execution:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether nothing is to be done between rounds until one changes something.
+        """Check that nothing is to be done between rounds until one changes something.
 
         Only if all was published that there is, and what others ask for would end a sleep.
         """

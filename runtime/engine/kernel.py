@@ -67,7 +67,7 @@ Loadable: TypeAlias = str | type[Machine] | Machine
 
 
 class LoadOptions(TypedDict, total=False):
-    """How a machine is loaded.
+    """Options of loading a machine.
 
     It is called `name` (default: its class's name), or `name.0`, `name.1` … if that is taken.
     `variables` replaces defaults; `slots` gives the machine's slots other names on the board, as
@@ -82,14 +82,14 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Instrument(Protocol):
-    """What a debugger adds to an arrangement, where observing every event would cost too much."""
+    """A debugger in an arrangement, where observing every event would cost too much."""
 
     def bound(self, seat: Seat) -> None:
         """Wrap what is of interest of a machine's table, which has just been bound."""
         ...
 
     def reading(self, seat: Seat, slot: str, read: Read) -> Read:
-        """Return what reads a sensor of `slot`, in place of `read`."""
+        """Wrap `read`, the reader of a sensor of `slot`, or return it as it is."""
         ...
 
     def look(self) -> None:
@@ -101,7 +101,7 @@ class Instrument(Protocol):
         ...
 
     def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return how long a sensor stays overridden; None if only a release ends that."""
+        """Return the seconds for which a sensor stays overridden; None until a release."""
         ...
 
     def pause_left_s(self) -> float | None:
@@ -232,16 +232,16 @@ class Kernel(Rotation[Seat]):
         self.on_error = on_error
         self.rounds = 0
         self.stopping = False
-        """Whether the machines were asked to reach accepting states."""
+        """True once the machines were asked to reach accepting states."""
         self.stop_cause: str | None = None
         self.reason: Reason | None = None
-        """Why the arrangement has ended; None if it has not."""
+        """The reason for the end; None before it."""
         self.paused = ""
-        """Why no machine has a turn, while a debugger has paused them."""
+        """The reason why no machine has a turn, while a debugger has paused them; else ""."""
         self.runs = False
-        """Whether `run` was called: then the world is looked after, and exits are contained."""
+        """True once `run` was called: then the world is watched, and exits are contained."""
         self.attendant: Attendant | None = None
-        """What attends to the run, if anything does."""
+        """The attendant of the run, if the environment has one."""
         self.achieved: tuple[int | None, int | None] = (None, None)
         """The priority of SCHED_FIFO that turns have, or had, in `run`, and their only core."""
         self.observers = Observers()  # changed by `attach` and `detach`
@@ -254,7 +254,7 @@ class Kernel(Rotation[Seat]):
         self._gate = None
         self.stopwatch: Stopwatch | None = None
         self.pacer: Pacer | None = None
-        """What waits until rounds are due; None if they begin when they are asked for."""
+        """The pacer, if rounds have a time; None if they begin when they are asked for."""
         cycle_us = period_us if timetable is None else timetable.cycle_us
         if timed or cycle_us:
             self.stopwatch = watch = Stopwatch(environment.clock)
@@ -270,12 +270,12 @@ class Kernel(Rotation[Seat]):
 
     @property
     def contains_exits(self) -> bool:
-        """Whether code that exits is an error of its machine alone: no signal can be the cause."""
+        """True if code that exits is an error of its machine alone: no signal can be the cause."""
         return self.on_error == "suspend" and self.runs and not self.stopping
 
     @property
     def finished(self) -> bool:
-        """Whether the execution is over: every machine left accepts or is suspended.
+        """True if the execution is over: every machine left accepts or is suspended.
 
         One that was suspended from another process keeps it going until a stop is asked for.
         """
@@ -597,7 +597,7 @@ class Control:
 
     @property
     def asked_to_stop(self) -> bool:
-        """Whether a machine was asked to stop alone, and is still there."""
+        """True if a machine was asked to stop alone, and is still there."""
         return bool(self._stopped)
 
     def unload_stopped(self, grace_ns: int) -> None:
@@ -643,18 +643,18 @@ class Control:
         return seat.slot_of(seat.sensor(sensor))
 
     def status(self, name: str) -> Status:
-        """Return whether a machine runs or is suspended."""
+        """Return `Status.RUNNING` or `Status.SUSPENDED`."""
         return Status.SUSPENDED if self.is_suspended(name) else Status.RUNNING
 
     def is_suspended(self, name: str) -> bool:
-        """Return whether a machine is in its suspend state."""
+        """Return True if a machine is in its suspend state."""
         seat = self.roster.named.get(name)
         if seat is None:
             return self.kernel.environment.elsewhere(name, self.roster.named).suspended
         return seat.suspended
 
     def is_running(self, name: str) -> bool:
-        """Return whether a machine is not suspended."""
+        """Return True if a machine is not suspended."""
         return not self.is_suspended(name)
 
     def index_of(self, name: str) -> int:

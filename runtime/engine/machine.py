@@ -120,24 +120,24 @@ class Machine(metaclass=MachineType):
     # Time since the state was entered
 
     def after_ms(self, ms: float) -> bool:
-        """Return whether more than `ms` milliseconds have passed since the state was entered."""
+        """Return True if more than `ms` milliseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > ms * 1_000_000
 
     def after(self, s: float) -> bool:
-        """Return whether more than `s` seconds have passed since the state was entered."""
+        """Return True if more than `s` seconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > s * 1_000_000_000
 
     def timeout(self, us: float) -> bool:
-        """Return whether more than `us` microseconds have passed since the state was entered."""
+        """Return True if more than `us` microseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > us * 1_000
 
     # The age of what was sensed
 
     def age_ms(self, sensor: str) -> float | None:
-        """Return how many milliseconds ago the message of a sensor in the snapshot was added.
+        """Return the age of a sensor's message in the snapshot, in milliseconds.
 
         None if there is none. `sensor` is the sensor's name in the class. Messages from another
         host are as old as the time since they came to this one. Raise `SensorNameError`.
@@ -159,7 +159,7 @@ class Machine(metaclass=MachineType):
 
     @cached_property  # an attribute of its own from its loading on: guards of all states read it
     def stopping(self) -> bool:
-        """Whether it or all machines were asked to stop: make for an accepting state."""
+        """True if it or all machines were asked to stop: make for an accepting state."""
         return self._seat.stopping
 
     @property
@@ -207,15 +207,15 @@ class Machine(metaclass=MachineType):
     # Questions
 
     def status(self, name: str) -> Status:
-        """Return whether machine `name` runs or is suspended; a request alone changes neither."""
+        """Return `Status.RUNNING` or `Status.SUSPENDED`; a request alone changes neither."""
         return self._called("status", name, self._seat.control.status(name))
 
     def is_suspended(self, name: str) -> bool:
-        """Return whether machine `name` is in its suspend state."""
+        """Return True if machine `name` is in its suspend state."""
         return self._called("is_suspended", name, self._seat.control.is_suspended(name))
 
     def is_running(self, name: str) -> bool:
-        """Return whether machine `name` is not suspended."""
+        """Return True if machine `name` is not suspended."""
         return self._called("is_running", name, self._seat.control.is_running(name))
 
     def index_of(self, name: str) -> int:
@@ -342,12 +342,12 @@ class Submachine(Generic[M_co]):
 
     @property
     def done(self) -> bool:
-        """Whether it has accepted."""
+        """True if it has accepted."""
         return self._seat.accepted
 
     @property
     def failed(self) -> bool:
-        """Whether its code has raised, or it was unloaded without having accepted."""
+        """True if its code has raised, or it was unloaded without having accepted."""
         seat = self._seat
         return seat.failure is not None or not (seat.taken or seat.accepted)
 

@@ -239,7 +239,7 @@ class Rotation(Generic[S]):
 
 
 def _marks(seat: SeatFields | None) -> tuple[object, ...]:
-    """Return what changes if a machine changes where it stands, or leaves."""
+    """Collect the objects of which another one is there if the machine's standing has changed."""
     if seat is None:
         return ()
     return (

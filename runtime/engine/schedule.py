@@ -37,7 +37,7 @@ class TimeSlot(NamedTuple):
 
 
 class Requirement(NamedTuple):
-    """What a machine needs: a turn at each of `starts_us` in every period, each done in time.
+    """The needs of a machine: a turn at each of `starts_us` in every period, each done in time.
 
     All are microseconds; starts count from the period's begin, the deadline from the start.
     """

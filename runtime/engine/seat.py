@@ -136,7 +136,7 @@ def observed_ringlet(seat: Seat) -> bool:
 
 
 class Arrival(NamedTuple):
-    """How a machine has come into its state: by a transition, unless `source` is empty."""
+    """The transition by which a machine has come into its state; none if `source` is empty."""
 
     source: str
     transition: int
@@ -146,7 +146,7 @@ class Arrival(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """What code of a machine has raised, and when, by the arrangement's clock."""
+    """An error that code of a machine has raised, and its time by the arrangement's clock."""
 
     error: ExecutionError
     time_ns: int
@@ -241,12 +241,12 @@ class Seat(SeatFields):
 
     @property
     def suspended(self) -> bool:
-        """Whether the machine is in its suspend state."""
+        """True if the machine is in its suspend state."""
         return self.current is self.suspension
 
     @property
     def settled(self) -> bool:
-        """Whether the machine does not keep the execution alive.
+        """True if the machine does not keep the execution alive.
 
         It accepts (and did not just get there), or is suspended with nothing pending that
         would end this. A machine without a turn yet is never settled.
@@ -322,14 +322,14 @@ class Seat(SeatFields):
         return tuple(name for name, sensor in sensors if self.slot_of(sensor).name in slots)
 
     def standing(self) -> Standing:
-        """Return where the machine stands."""
+        """Return the machine's standing."""
         entered_ns = None if self.entered_ns == NEVER else self.entered_ns
         return Standing(
             self.index, self.name, self.current.name, self.suspended, self.request, entered_ns
         )
 
     def arrival(self) -> Arrival:
-        """Return how the machine has come into its state."""
+        """Find the transition by which the machine has come into its state."""
         entered = self.current is self.previous
         source = self.source if entered else self.previous
         entered_ns = self.entered_ns if entered else None
@@ -427,7 +427,7 @@ class Seat(SeatFields):
         return aged
 
     def age_ns(self, name: str) -> int | None:
-        """Return how old a sensor's message in the snapshot is; None if there was none."""
+        """Return the age of a sensor's message in the snapshot, in nanoseconds, if there is one."""
         aged = self._aged.get(name)
         if aged is None:  # from now on the age is kept
             environment, sensor = self.kernel.environment, self.sensor(name)
@@ -617,7 +617,7 @@ class Roster:
         return (seat for seat in self.seats if seat is not None)
 
     def standings(self) -> tuple[Standing | None, ...]:
-        """Return where each machine stands, in order of index, with None for each hole."""
+        """Return the machines' standings, in order of index, with None for each hole."""
         return tuple(None if seat is None else seat.standing() for seat in self.seats)
 
     def states(self) -> dict[str, str]:
@@ -653,7 +653,7 @@ class Roster:
         return seat
 
     def free_index(self, path: str) -> int:
-        """Return where the next machine of that path goes."""
+        """Return the index for the next machine of that path."""
         holes = (index for index, left in sorted(self._holes.items()) if left == path)
         return next(holes, len(self.seats))
 

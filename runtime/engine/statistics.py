@@ -1,4 +1,4 @@
-"""What each machine did and how long it took.
+"""Statistics: what each machine did, and how long it took.
 
 Durations are counted in *histograms* of fixed size: whatever it counts, and however long, a meter
 needs no more memory, and a quantile is right to a thirty-second. A *stopwatch* times the turns. A
@@ -152,7 +152,7 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, histogram: Histogram) -> Self | None:
-        """Return how durations are spread: quantiles are middles of ranges. None without any."""
+        """Read a histogram; None if it is empty. Quantiles are middles of ranges."""
         if not histogram.total:
             return None
         p50, p99 = (_quantile(histogram, part) for part in (0.5, 0.99))
@@ -160,7 +160,7 @@ class Spread(NamedTuple):
 
 
 def doublings(histogram: Histogram) -> tuple[int, ...]:
-    """Return how many were shorter than 1 us, how many others than 2 us, 4 us and so on."""
+    """Count the durations shorter than 1 us, of the others those than 2 us, 4 us and so on."""
     found: list[int] = []
     for number, count in enumerate(histogram.counts):
         if count:

@@ -196,7 +196,7 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
 
 
 def _annotations(owner: type) -> dict[str, Any]:
-    """Return what `owner` itself annotates; names that are not defined yet do no harm."""
+    """Return the annotations of `owner` itself; names that are not defined yet do no harm."""
     if sys.version_info >= (3, 14):  # annotations are evaluated when they are asked for
         import annotationlib
 

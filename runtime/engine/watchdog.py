@@ -40,7 +40,7 @@ class RunningCall(NamedTuple):
     """Machine, state and section, file and line."""
 
     def is_same(self, other: RunningCall | None) -> bool:
-        """Return whether the other is the same call, seen at another time."""
+        """Check that the other is the same call, seen at another time."""
         return other is not None and self.frame is other.frame and self.step == other.step
 
 
@@ -67,7 +67,7 @@ def running_call(thread: int) -> RunningCall | None:
 
 
 def _ringlet_in(frame: FrameType) -> tuple[Seat, Running] | None:
-    """Return what a ringlet runs: that of the frame, or its twin in a round of the frame."""
+    """Find the code that a ringlet runs: that of the frame, or its twin in a round of it."""
     local = frame.f_locals
     if frame.f_code is not defined_ringlet.__code__:
         kernel: Kernel = local["self"]

@@ -44,7 +44,7 @@ def find_recorder(board: Board) -> Recorder | None:
 
 
 def is_there(sample: Sample[Any]) -> bool:
-    """Return whether the process lives that has posted a `Recorder` or a `JournalPart`."""
+    """Check that the process lives that has posted a `Recorder` or a `JournalPart`."""
     silent_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
     return is_alive(sample.message, elsewhere=silent_s < SILENT_S)
 

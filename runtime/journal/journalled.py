@@ -55,7 +55,7 @@ class JournalledEnvironment(Environment):
 
     @property
     def alive(self) -> bool:
-        """Whether the other environment still exists."""
+        """True while the other environment exists."""
         return self._inner.alive
 
     def enter(self, arrangement: Arrangement) -> None:
@@ -67,7 +67,7 @@ class JournalledEnvironment(Environment):
         arrangement.attach(self.journal)
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what attends in the other environment."""
+        """Let the other environment attend."""
         return self._inner.attend(arrangement)
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
@@ -103,7 +103,7 @@ class JournalledEnvironment(Environment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what keeps each message that is another one than before, and each age."""
+        """Keep each message that is another one than before, and each age."""
         aged = self._inner.read_aged(machine, name, sensor, slot, start_count)
         read = self._keeping(machine, name, slot, aged)
         return _JournalledAgedRead(machine, name, read, aged, self.journal)
@@ -277,7 +277,7 @@ class _JournalledMachine:
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         return self._keep(self._machine.suspended)
 
     def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:

@@ -47,7 +47,7 @@ class LiveEnvironment(BoardEnvironment):
         self._releases: dict[str, Callable[[], None]] = {}  # of each machine's claims
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what publishes the machines' statuses; None if the board has gone, or is full."""
+        """Make the publisher of the machines' statuses; None if the board has gone, or is full."""
         if not self.alive:
             return None
         from llfsm.runtime.presence.status_publisher import StatusPublisher

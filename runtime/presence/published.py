@@ -61,7 +61,7 @@ _MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # d
 
 
 def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
-    """Return what a machine consists of, with or without its code."""
+    """Describe a machine by its states and transitions, with or without its code."""
     return MachineDefinition(
         table.path,
         tuple(_state(state, table.layout, sections) for state in table.states),

@@ -180,7 +180,7 @@ class StatusPublisher:
 
     @property
     def reachable(self) -> bool:
-        """Whether another process can resume one of the machines that have failed."""
+        """True if another process can resume one of the machines that have failed."""
         published = self._entries.keys() - self._hidden
         can_be = not published.isdisjoint(self._roster.failed)
         return can_be and not isinstance(self._board, LocalBoard)
@@ -354,7 +354,7 @@ class StatusPublisher:
         self._viewing.look(self._entries.values(), now_ns)
 
     def _current_marks(self) -> dict[str, tuple[object, ...]]:
-        """Return what changes when a machine's status does, but for what passes, by machine."""
+        """Collect, by machine, the objects that change with its status, without times and counts."""
         return {
             seat.name: (
                 seat.current,
@@ -471,17 +471,17 @@ class Reloads:
             self._refuse(name, "another request came before its bundle was loaded")
 
     def is_pending(self, name: str) -> bool:
-        """Return whether a machine is to be reloaded, and is not yet."""
+        """Return True if a machine is to be reloaded, and is not yet."""
         loading = self._loading.get(name)
         return loading is not None and not loading.is_cancelled
 
     def refusal(self, name: str) -> str:
-        """Return why the latest reload of a machine was refused; "" if it was not."""
+        """Return the reason why the latest reload of a machine was refused; "" if it was not."""
         return self._refusals.get(name, "")
 
     @property
     def is_ready(self) -> bool:
-        """Whether a bundle is loaded."""
+        """True if a bundle is loaded."""
         return any(each.is_done for each in self._loading.values())
 
     def finish(self) -> list[str]:
