@@ -354,7 +354,7 @@ class StatusPublisher:
         self._viewing.look(self._entries.values(), now_ns)
 
     def _current_marks(self) -> dict[str, tuple[object, ...]]:
-        """Collect, by machine, the objects that change with its status, without times and counts."""
+        """Collect, by machine, the objects that change with its status, without what counts."""
         return {
             seat.name: (
                 seat.current,
