@@ -109,7 +109,7 @@ class _Live:
                 self.follow(self.turn, lambda state: state & tables.failed.mask)
                 return
             if arrangement.finished:
-                standings = filter(None, arrangement.standings())
+                standings = filter(None, arrangement.roster.standings())
                 asleep = any(each.machine == "A" and each.suspended for each in standings)
                 if arrangement.stopping or not asleep:  # else it goes on, as if held
                     assert any(tables.may_end(*node) for node in self.nodes)
@@ -141,7 +141,7 @@ class _Live:
             if asked == "stop":
                 self.arrangement.stop()
             elif any(each.name == "A" for each in self.arrangement.machines):
-                verb = self.arrangement.hold if asked == "suspend" else None
+                verb = self.arrangement.control.hold if asked == "suspend" else None
                 (verb or getattr(self.arrangement, asked))("A")
         for slot, number in ((LEFT, boundary.left), (RIGHT, boundary.right)):
             if (message := DOMAINS[slot][number]) is not None:

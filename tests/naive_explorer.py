@@ -287,7 +287,7 @@ class _Naive:
                 seat.schedule(request)
             if stop:
                 self.arrangement.stop()
-            self.arrangement.give_turns([seat])
+            self.arrangement.kernel.give_turns([seat])
             after = self._next(turn + 1) or 0
             if self.may.by_rounds and after == 0:
                 self.world.cells.update((n, None) for n in self.domains if n not in self.kept)

@@ -38,7 +38,7 @@ from llfsm.bridges.ros2.errors import CdrError, KeyPathError, RosNameError, RosT
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled, unbundled
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.slot_names import is_own
 

@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from llfsm.bridges.recording.writer import JournalWriter, RecordingWriter
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.handover import BEAT_NS, is_there
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.hosts import Shown
 from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.runtime.testing.play import ScriptRun

@@ -36,11 +36,10 @@ from llfsm.bridges.recording.errors import (
 )
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, ManualClock, Reason
-from llfsm.runtime.engine.arrangement import Loadable
-from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
+from llfsm.runtime.engine.environment import AgedRead, BoardEnvironment, Post, Read
 from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
 from llfsm.runtime.engine.events import IdleSleep, Status
-from llfsm.runtime.engine.freshness import AgedRead
+from llfsm.runtime.engine.kernel import Loadable
 from llfsm.runtime.journal.entries import FIELDS, Entry, Journal, as_entry
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
@@ -456,7 +455,9 @@ class Rerun:
                 with suppress(ExecutionError, ArrangementEndedError):
                     arrangement.round()
             case "IdleSleep":
-                arrangement.emit(IdleSleep(*arrangement.stamp(), event["duration_ns"]))
+                arrangement.kernel.emit(
+                    IdleSleep(*arrangement.kernel.stamp(), event["duration_ns"])
+                )
             case "End":
                 arrangement.end(Reason(event["reason"]))
 

@@ -33,7 +33,8 @@ from llfsm.runtime.expressions.purity import EvaluationError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
-    from llfsm.runtime.engine.seat import BoundState, Seat
+    from llfsm.runtime.engine.ringlet import BoundState
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.engine.state import SectionCode
 
 

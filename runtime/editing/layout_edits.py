@@ -455,8 +455,7 @@ def _moved(path: TransitionPath, source: Point | None, target: Point | None) -> 
             point if move is None else (round(point[0] + move[0], 2), round(point[1] + move[1], 2))
         )
 
-    return replace(
-        path,
+    return path._replace(
         src=by(path.src, source),
         control1=by(path.control1, source),
         dst=by(path.dst, target),

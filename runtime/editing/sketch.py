@@ -82,7 +82,7 @@ def automatic(bundle: Bundle) -> MachineLayout:
     states = {}
     for box in boxes:
         before = old.get(box.state, StateBox(0, 0, box.width, box.height))
-        states[box.state] = replace(before, x=round(box.x, 1), y=round(box.y, 1))
+        states[box.state] = before._replace(x=round(box.x, 1), y=round(box.y, 1))
     paths: dict[str, list[TransitionPath]] = {}
     for edge in sorted(edges, key=lambda edge: edge.number):
         paths.setdefault(edge.source, []).append(_path(edge.curve))

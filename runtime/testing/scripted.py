@@ -107,7 +107,7 @@ class ScriptedEnvironment(LiveEnvironment):
                 if action == "stop":
                     arrangement.stop("the script asks for it")
                 elif action == "suspend":
-                    arrangement.hold(machine)  # as from another process
+                    arrangement.control.hold(machine)  # as from another process
                 else:
                     getattr(arrangement, action)(machine)
 

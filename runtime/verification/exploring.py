@@ -33,7 +33,7 @@ from llfsm.runtime.verification.time_model import AnyTime, Periods, TimeModel
 from llfsm.runtime.verification.unmodelled_state import UnmodelledState, check_determinism
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Factory
+    from llfsm.runtime.engine.kernel import Factory
     from llfsm.whiteboard import Slot
 
 

@@ -15,12 +15,12 @@ from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
 
-from llfsm.runtime.engine.arrangement import Arrangement, Loadable, LoadOptions
 from llfsm.runtime.engine.clock import NEVER
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.ringlet import ringlet
+from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
@@ -43,7 +43,7 @@ from llfsm.runtime.verification.values import (
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
     from llfsm.runtime.engine.machine import Submachine
-    from llfsm.runtime.engine.seat import BoundState
+    from llfsm.runtime.engine.ringlet import BoundState
 
 
 M = TypeVar("M", bound=Machine)
@@ -72,15 +72,34 @@ class Deadline:
             raise TimeUpError
 
 
-class Ringlets(Arrangement):
-    """An arrangement that runs ringlets from any control state.
-
-    Of the machines, the last `watchers` are monitors; anybody may suspend, resume or restart those
-    that `controlled` names.
-    """
+class _ExploredKernel(Kernel):
+    """Turns of machines whose failures are kept."""
 
     environment: ExploredEnvironment
-    unobserved = staticmethod(ringlet)  # the definition: its twin in C knows no opaque time
+    unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
+    error: ExecutionError | None = None
+    """What a machine's code raised in the latest turn."""
+
+    @property
+    def contains_exits(self) -> bool:
+        """True: code that exits has failed, as it must not end the program that explores it."""
+        return True
+
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Keep what a machine's code raised; the machine stays as it is."""
+        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
+            raise error.__cause__
+        self.error = error
+
+
+class Ringlets(Control):
+    """Machines of which any may have a ringlet, from any control state.
+
+    The last `watchers` are monitors; anybody may suspend, resume or restart those that
+    `controlled` names.
+    """
+
+    kernel: _ExploredKernel
 
     def __init__(
         self,
@@ -91,9 +110,9 @@ class Ringlets(Arrangement):
         abstract: Abstraction,
         controlled: Iterable[str],
     ):
-        super().__init__(environment=ExploredEnvironment(), unload_accepting=unload_accepting)
-        self._controlled = frozenset(controlled)
-        self._error: ExecutionError | None = None
+        self.environment = ExploredEnvironment()
+        super().__init__(_ExploredKernel(self.environment, unload_accepting=unload_accepting))
+        self._controlled = frozenset(controlled)  # by anybody
         self._complete = False
         for member in members:
             member.load(self)
@@ -147,14 +166,14 @@ class Ringlets(Arrangement):
                 seat.schedule(Request.SUSPEND)
             seat.schedule(given.request)
         self._set_variables(given, other_copy if copied else deepcopy)
-        self.stopping = given.stopping
+        self.kernel.stopping = given.stopping
         for slot, content in given.contents:
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
         environment.begin(seat.name, given.elapsed_ns if was.entered else None)
-        self._error = None
+        self.kernel.error = None
         self.executed += 1
-        fired = self.give_turns((seat,))
+        fired = self.kernel.give_turns((seat,))
         self._check_ports(given.place)
         known = environment.touched & self.places.keys()  # others are refused
         touched = {self.places[name] for name in known} - {given.place}
@@ -162,7 +181,7 @@ class Ringlets(Arrangement):
             raise UnknownControlError(touched)
         if environment.refusal is not None:
             raise environment.refusal
-        clock_state = seat.previous
+        clock_state, error = seat.previous, self.kernel.error
         after = [(other, self._control_of(other)) for other in sorted(touched)]
         return RingletOutcome(
             environment.low_ns,
@@ -180,13 +199,13 @@ class Ringlets(Arrangement):
                 for entered, limit in environment.limits
             ),
             _fired(seat, clock_state) if fired and clock_state is not None else None,
-            0 if self._error is None else self.errors.code(str(self._error), self._error),
+            0 if error is None else self.errors.code(str(error), error),
         )
 
     def _check_ports(self, place: int) -> None:
         """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
         machine = self.seats[place].machine
-        kept = {"stopping": self.stopping}
+        kept = {"stopping": self.kernel.stopping}
         if self.seats[place].taken:  # else its actuators are closed
             kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
         for name, value in kept.items():
@@ -225,13 +244,6 @@ class Ringlets(Arrangement):
         seat = self.seats[place]
         self._set_control(place, self.controls[place].values[control])
         return seat.taken and seat.suspended and seat.name in self._controlled
-
-    # The arrangement that the engine and the machines' code see
-
-    @property
-    def contains_exits(self) -> bool:
-        """True: code that exits has failed, as it must not end the program that explores it."""
-        return True
 
     # A machine is loaded here only if its control state was given, so it is noted before anything
     # else: without it, the ringlet is run again.
@@ -316,12 +328,6 @@ class Ringlets(Arrangement):
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Refuse to abandon a machine."""
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
-
-    def fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Keep what a machine's code raised; the machine stays as it is."""
-        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
-            raise error.__cause__
-        self._error = error
 
     # Control states and variables
 

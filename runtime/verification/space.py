@@ -92,7 +92,7 @@ class Space:
         """The slots that they use, by name."""
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
-        self.unload_accepting = system.ringlets.unload_accepting
+        self.unload_accepting = system.ringlets.kernel.unload_accepting
         self.search = search
         """The states themselves, packed, and the turns from one to the next."""
         self._system = system

@@ -31,10 +31,9 @@ from typing import Any, Final, NamedTuple, cast
 
 from llfsm import errors
 from llfsm.runtime.engine.events import Eval, Event, Section
-from llfsm.runtime.engine.failure import place_of
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.ringlet import ringlet
+from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.expressions.purity import reaches_outside, reads_outside
 from llfsm.runtime.expressions.reads import names_in
@@ -121,11 +120,11 @@ def _outside_call(ringlets: Ringlets, given: Given) -> str:
         elif not (reads_outside(function) or reaches_outside(function)):
             return
         inner, outer = frame, frame.f_back
-        while outer is not None and outer.f_code is not ringlet.__code__:
+        while outer is not None and outer.f_code is not defined_ringlet.__code__:
             inner, outer = outer, outer.f_back
         if outer is not None:
             running = outer.f_locals
-            state, step = place_of(running["seat"], running["state"], running["code"])
+            state, step = running["seat"].place_of(running["state"], running["code"])
             name = getattr(function, "__qualname__", function)
             where = f"{inner.f_code.co_filename}:{inner.f_lineno}"
             calls.append(f"state {state}, {step}, calls {name} ({where})")
@@ -160,12 +159,12 @@ def _steps(ringlets: Ringlets, given: Given) -> list[tuple[str, object]]:
         elif isinstance(event, Eval):
             steps.append((f"state {event.state}, transition {event.label}", event.value))
 
-    ringlets.attach(observe)
+    ringlets.kernel.attach(observe)
     try:
         _again(ringlets, given)
         end_section()
     finally:
-        ringlets.detach(observe)
+        ringlets.kernel.detach(observe)
     return steps
 
 

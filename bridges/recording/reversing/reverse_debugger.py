@@ -106,7 +106,7 @@ class RerunDebugger(Debugger):
 
     def before_state(self, machine: str) -> int:
         """Return the last moment at which a machine was not in its state; 0 if there is none."""
-        state = self.arrangement.standing(machine).state
+        state = self.arrangement.state_name_of(machine)
         is_new = self._states.get(machine) != state  # since the last turn
         return self.number if is_new else self._since[machine] - 1
 
@@ -333,7 +333,7 @@ class ReverseDebugger:
             case "transition":
                 moment = _last_before(now, self.debugger.arrivals)
             case "leave":
-                state = self.arrangement.standing(name).state
+                state = self.arrangement.state_name_of(name)
                 moment = self.debugger.before_state(name)
         if not moment:
             what = {

@@ -17,7 +17,7 @@ from msgspec.structs import astuple
 from llfsm.cli.options import BoardPlace, board_option, fleet_option, host_option
 from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.presence.hosts import FleetReader, HostNames, Shown
-from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text
+from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text, shown_fields
 from llfsm.runtime.presence.slot_ownership import contested_slots, described
 from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus, status_slot
@@ -205,25 +205,15 @@ def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
     return {
         "whiteboard": listing.board,
         "machine": machine.name,
-        "state": status.state,
+        **shown_fields(status),
         "status": machine.condition,
         "in_state_s": round(status.in_state_s + silent_s, 3),
         "silent_s": round(silent_s, 3),
-        "ringlets": status.ringlets,
-        "overruns": status.overruns,
-        "pid": status.pid,
-        "host": status.host,
         "as": listing.hosts.of_machine(machine.name) or None,
         "realtime": status.realtime or None,
         "cpu": None if status.cpu < 0 else status.cpu,
-        "paused": status.paused,
         "paused_left_s": _left_s(status.paused_left_s, silent_s),
-        "clock": status.clock,
         "overridden": _overrides(machine),
-        "caller": status.caller,
-        "refusal": status.refusal,
-        "error": status.error,
-        "error_state": status.error_state,
         "error_s": round(status.error_s + silent_s, 3) if status.failed else None,
         "contested": [
             slot

@@ -27,8 +27,7 @@ from llfsm.cli.debug.session import Session, clock_of
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.run.running import place_of_call
 from llfsm.cli.run.world import recorded
-from llfsm.errors import LlfsmError
-from llfsm.runtime.engine.failure import one_line
+from llfsm.errors import LlfsmError, one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 

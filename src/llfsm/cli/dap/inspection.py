@@ -144,7 +144,7 @@ class Inspection:
         frames: list[Message] = []
         if name:
             cls, state = type(arrangement.machine(name)), arrangement.state_name_of(name)
-            enters = arrangement.arrival(name).entered_ns is None
+            enters = arrangement.roster.find(name).arrival().entered_ns is None
             section = "OnEntry" if enters else "transitions"
             here, error = state_at(cls, state), self._error_of(name)
             code = section_at(cls, state, section) or here
@@ -172,7 +172,7 @@ class Inspection:
         session = self._session
         arrangement = session.arrangement
         if arguments.get("frameId") == 4:
-            standings = filter(None, arrangement.standings())
+            standings = filter(None, arrangement.roster.standings())
             scopes = [
                 self._scope(f"{each.machine} in {each.state}", _all_of, each.machine)
                 for each in standings
@@ -238,7 +238,7 @@ class Inspection:
         """
         text, session = str(arguments.get("expression", "")), self._session
         arrangement, name = session.arrangement, session.machine
-        entered_ns = arrangement.arrival(name).entered_ns
+        entered_ns = arrangement.roster.find(name).arrival().entered_ns
         elapsed_ns = None if entered_ns is None else session.debugger.now_ns - entered_ns
         state = arrangement.state_name_of(name)
         try:

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Protocol
 
 from llfsm.bridges.recording.reversing.reverse_debugger import SectionPlace
 from llfsm.cli.requests import why_lines
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, one_line
 from llfsm.runtime.debugging.obeying import why_of
-from llfsm.runtime.engine.failure import one_line
 from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.message_text import parse_message
@@ -151,7 +150,7 @@ class Prompt:
             case ("clear", 0):
                 return list(self._session.debugger.breakpoints)
             case ("break", 0):
-                return [*self._places(), *(f"@{slot}" for slot in arrangement.slots_read)]
+                return [*self._places(), *(f"@{slot}" for slot in arrangement.roster.slots_read)]
             case ("override" | "release", 1) if words[0] in machines:
                 return list(type(arrangement.machine(words[0])).table.sensors)
             case ("override" | "release" | "why", 0) | ("step" | "back" | "show", 1):
@@ -209,11 +208,11 @@ class Prompt:
             case "breakpoints":
                 yield from session.debugger.breakpoints or ("no breakpoints",)
             case "machines":
-                for each in filter(None, arrangement.standings()):
+                for each in filter(None, arrangement.roster.standings()):
                     yield f"{each.machine} in {each.state}"
             case "sensors":
                 found = arrangement.machine(machine or session.machine)
-                overridden = arrangement.overridden(found.name)
+                overridden = arrangement.roster.find(found.name).overridden
                 for name in type(found).table.sensors:
                     mark = "  (overridden)" if name in overridden else ""
                     yield f"{name} = {_texts.text(getattr(found, name))}{mark}"

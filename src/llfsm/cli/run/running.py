@@ -32,8 +32,7 @@ from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import Event, Reason, Request, Turn
-from llfsm.runtime.engine.histogram import Spread
-from llfsm.runtime.engine.statistics import MachineStatistics
+from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.watchdog import running_call
 from llfsm.runtime.plans import Plan, assemble
 
@@ -204,7 +203,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
                 texts = (timing_table(found), conditions(found), latency_drawing(found))
                 click.echo("\n".join(filter(None, texts)), err=True)
     if arrangement.reason is Reason.FAILED:
-        failed = ", ".join(arrangement.failed_machines)
+        failed = ", ".join(arrangement.roster.failed)
         raise click.ClickException(
             f"{failed} failed, and no other process can resume it: the run has ended"
         )

@@ -37,11 +37,11 @@ from llfsm.cli.ros_options import open_chosen, ros_arguments
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.clock import Clock, DebugClock, SimulatedClock
 from llfsm.runtime.engine.environment import Environment
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.journal.handover import HANDOVER_LIMIT, Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.log import logger
 from llfsm.runtime.plans import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
