@@ -148,7 +148,7 @@ class Memory:
                 self.arrangement.stop()
                 continue
             with suppress(UnknownMachineError):  # the events will show what could not be done
-                getattr(self.arrangement, asked["action"])(asked["machine"])
+                getattr(self.arrangement.control, asked["action"])(asked["machine"])
 
     def sensed(self, machine: str, sensor: str) -> Entry | None:
         """Return what a sensor finds if it differs from before, else None."""
