@@ -154,7 +154,7 @@ class RecordedInputs:
                 self.arrangement.stop()
                 continue
             with suppress(UnknownMachineError):  # the events will show what could not be done
-                getattr(self.arrangement, asked["action"])(asked["machine"])
+                getattr(self.arrangement.control, asked["action"])(asked["machine"])
 
     def sensed(self, machine: str, sensor: str) -> Entry | None:
         """Take the entry of a sensor that finds something else than before, else None."""

@@ -109,7 +109,7 @@ class ScriptedEnvironment(LiveEnvironment):
                 elif action == "suspend":
                     arrangement.control.hold(machine)  # as from another process
                 else:
-                    getattr(arrangement, action)(machine)
+                    getattr(arrangement.control, action)(machine)
 
     def content(self, slot: Slot[Any]) -> Any:
         """Return the latest message of a slot; None if it is empty or the script emptied it."""

@@ -145,7 +145,7 @@ class Player:
                 return all(self.holds(machine, c) for c in value)
             case "is_suspended" | "is_running":
                 try:  # asked from outside, where no Call is reported
-                    return getattr(self.arrangement, kind)(value)
+                    return getattr(self.arrangement.control, kind)(value)
                 except UnknownMachineError:
                     return CLFSM_UNKNOWN[kind]
         raise AssertionError(f"unknown condition {kind}")
