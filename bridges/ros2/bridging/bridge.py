@@ -23,7 +23,7 @@ from llfsm.bridges.ros2.bridging.bridge_plan import (
     RelayPlan,
     ServicePlan,
 )
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.relays import (
     EchoFilter,
     FromRos,
@@ -44,7 +44,7 @@ from llfsm.bridges.ros2.node_time import NodeTime, from_ns
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, overridden
 from llfsm.bridges.ros2.standard_node import Equipment, equip
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import Node, Notice, Transport, log_notice
+from llfsm.bridges.ros2.transport import Node, Notice, Notifier, Transport, log_notice
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Board, BoundSlot, WhiteboardError
@@ -232,7 +232,7 @@ class Bridge:
         self.links: list[BridgeLink] = []
         self._board = board
         self._history = history
-        self._faults = LinkFaults(notify)
+        self._notifier = Notifier(notify)
         self._timer = TimerThread("bridge rates")
         self._workers: list[_Worker] = []
         self._to_ros: list[ToRos[Any]] = []
@@ -303,7 +303,7 @@ class Bridge:
         return node, equip(node, types, parameters, self._timer.call_soon)
 
     def _link(self, slot: str, arrow: str, name: str, type_name: str) -> BridgeLink:
-        link = BridgeLink(slot, arrow, name, type_name)
+        link = BridgeLink(slot, arrow, name, type_name, self._notifier)
         self.links.append(link)
         return link
 
@@ -322,7 +322,6 @@ class Bridge:
             relay = FromRos(
                 slot,
                 link,
-                self._faults,
                 self._timer,
                 settings=settings,
                 echo=echo,
@@ -336,7 +335,6 @@ class Bridge:
                 slot,
                 publisher,
                 link,
-                self._faults,
                 settings=settings,
                 latched=plan.to_ros.durability is DurabilityPolicy.TRANSIENT_LOCAL,
                 history=self._history,
@@ -350,7 +348,6 @@ class Bridge:
                         plan.at_loss,
                         plan.slot.encoder.encode(plan.at_loss),
                         link,
-                        self._faults,
                         self._timer,
                     )
                 )
@@ -362,22 +359,20 @@ class Bridge:
     ) -> None:
         assert plan.from_ros is not None  # the only direction
         link = self._link(f"{plan.slot.name}/*", "<-", plan.topic, plan.of.name)
-        relay = KeyedFromRos(
-            self._board, plan.slot, keys, link, self._faults, self._timer, settings
-        )
+        relay = KeyedFromRos(self._board, plan.slot, keys, link, self._timer, settings)
         link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
 
     def _client(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "->", plan.service, slots.of.name)
         link.client = client = node.client(plan.name, slots.of)
-        caller = SlotClient(self._board, slots, client, plan.timeout, link, self._faults)
+        caller = SlotClient(self._board, slots, client, plan.timeout, link)
         self._workers.append(caller)
 
     def _server(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
-        answerer = SlotServer(self._board, slots, plan.timeout, link, self._faults)
+        answerer = SlotServer(self._board, slots, plan.timeout, link)
         self._workers.append(answerer)
         node.server(plan.name, slots.of, answerer.asked)
 
@@ -392,7 +387,6 @@ class Bridge:
             types,
             plan.timeout,
             link,
-            self._faults,
             self._timer,
         )
         if plan.serve:
@@ -404,12 +398,12 @@ class Bridge:
     def _position(self, node: Node, plan: PositionPlan, service: str) -> None:
         in_ros = self._link(plan.pose.name, "->", service, plan.of.name)
         in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
-        position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots, self._faults)
+        position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots)
         self._workers.append(position)
         try:
             node.server(SERVICE, plan.of, position.asked)
         except TransportUnavailableError as error:  # rclpy without the type's package
-            self._faults.report(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
+            in_ros.report_fault(f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
 def _arrivals(relays: Sequence[RelayPlan]) -> dict[str, LatestArrival[Any]]:

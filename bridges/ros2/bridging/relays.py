@@ -31,7 +31,7 @@ from typing import Any, Generic, NamedTuple
 
 from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import RelayPlan
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import CdrError, KeyPathError, TransportClosedError
 from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter
 from llfsm.bridges.ros2.threads import TimerThread
@@ -124,7 +124,6 @@ class LossWatch(Generic[M]):
         message: M,
         data: bytes,
         link: BridgeLink,
-        faults: LinkFaults,
         timer: TimerThread,
     ) -> None:
         """``data`` is the message as the slot encodes it."""
@@ -132,7 +131,6 @@ class LossWatch(Generic[M]):
         self._message = message
         self._data = data
         self._link = link
-        self._faults = faults
         self._timer = timer
         self._lost = 0  # the count of a message whose process was dead at the last look
         self._is_over = False
@@ -156,7 +154,7 @@ class LossWatch(Generic[M]):
         except BoardClosedError:
             return
         except WhiteboardError as error:
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
         self._timer.call_later(_LOOK_S, self._look)
 
     def _judge(self, is_posted: bool, latest: Sample[Any]) -> None:
@@ -279,7 +277,6 @@ class ToRos(Generic[M]):
         slot: BoundSlot[M],
         publisher: Publisher[M],
         link: BridgeLink,
-        faults: LinkFaults,
         *,
         settings: RelaySettings | None = None,
         latched: bool = False,
@@ -295,7 +292,6 @@ class ToRos(Generic[M]):
         self.slot = slot
         self._publisher = publisher
         self._link = link
-        self._faults = faults
         self._echo = echo
         self._settings = settings or RelaySettings()
         self._begin = time.monotonic() + (history if latched and echo else 0.0)
@@ -372,7 +368,7 @@ class ToRos(Generic[M]):
 
     def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
         return True
 
 
@@ -387,7 +383,6 @@ class FromRos(Generic[M]):
         self,
         slot: BoundSlot[M],
         link: BridgeLink,
-        faults: LinkFaults,
         timer: TimerThread,
         *,
         settings: RelaySettings | None = None,
@@ -397,7 +392,6 @@ class FromRos(Generic[M]):
         """``latest`` is given each arrival that was added."""
         self._slot = slot
         self._link = link
-        self._faults = faults
         self._timer = timer
         self._settings = settings or RelaySettings()
         self._echo = echo
@@ -452,7 +446,7 @@ class FromRos(Generic[M]):
         except BoardClosedError:
             return  # the bridge ends
         except Exception as error:  # bad bytes, too large for the slot: the next may be right
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             return
         self._link.count()
 
@@ -470,7 +464,6 @@ class KeyedFromRos:
         slot: Slot[Any],
         keys: KeyPath,
         link: BridgeLink,
-        faults: LinkFaults,
         timer: TimerThread,
         settings: RelaySettings,
     ) -> None:
@@ -479,8 +472,7 @@ class KeyedFromRos:
         self._slot = slot
         self._keys = keys
         self._link = link
-        self._faults = faults
-        self._relay = partial(FromRos, link=link, faults=faults, timer=timer, settings=settings)
+        self._relay = partial(FromRos, link=link, timer=timer, settings=settings)
         self._relays: dict[str, FromRos[Any]] = {}
 
     def arrived(self, arrival: SerializedMessage[Any]) -> None:
@@ -488,7 +480,7 @@ class KeyedFromRos:
         try:
             message = arrival.decode()
         except CdrError as error:  # the next may be right
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             return
         for key, part in self._keys.split(message):
             try:
@@ -496,7 +488,7 @@ class KeyedFromRos:
             except BoardClosedError:
                 return  # the bridge ends
             except (KeyPathError, WhiteboardError) as error:  # the next key may be right
-                self._faults.count(self._link, error)
+                self._link.count_fault(error)
             else:
                 relay.take(part)
 

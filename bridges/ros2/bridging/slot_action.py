@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from uuid import uuid4
 
 from llfsm.bridges.ros2.actions import ActionClient, ActionServer, ServerGoal
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.service_slots import ActionSlots, from_slot, into_slot
 from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
@@ -57,7 +57,6 @@ class ActionPlace(NamedTuple):
     timeout: float
     """Seconds that an answer may take, and a server be away."""
     link: BridgeLink
-    faults: LinkFaults
     timer: TimerThread
     """Whose thread it is."""
 
@@ -69,7 +68,6 @@ class SlotAction:
         self._slots = place.slots
         self._timeout = place.timeout
         self._link = place.link
-        self._faults = place.faults
         self._timer = place.timer
         self._subscriptions: list[Any] = []
 
@@ -81,7 +79,7 @@ class SlotAction:
     def _take_from(self, slot: BoundSlot[Any], take: Callable[..., None], after: int) -> None:
         """Call `take` with each message that comes on the slot."""
         self._subscriptions.append(
-            slot.subscribe(self._on_thread(take), after=after, on_error=self._unreadable)
+            slot.subscribe(self._on_thread(take), after=after, on_error=self._link.count_fault)
         )
 
     def _take_no_more(self) -> None:
@@ -94,7 +92,7 @@ class SlotAction:
                 try:
                     do(*arguments)
                 except CdrError as error:  # a value that ROS cannot have
-                    self._faults.count(self._link, error)
+                    self._link.count_fault(error)
 
         return lambda *arguments: self._timer.call_soon(partial(guarded, *arguments))
 
@@ -104,12 +102,8 @@ class SlotAction:
         except BoardClosedError:
             return False  # the bridge ends
         except WhiteboardError as error:
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             return False
-        return True
-
-    def _unreadable(self, error: Exception) -> bool:
-        self._faults.count(self._link, error)
         return True
 
 
@@ -215,7 +209,7 @@ class SlotActionClient(SlotAction):
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the goals were replaced by newer ones before they were sent"
-            self._faults.report(self._link, text, "lost")
+            self._link.report_fault(text, "lost")
         will = SenderWill(self._board, sample, self._slots.cancel.name)
         goal = self._goal = _Goal(sample.message.number, will)
         try:
@@ -335,7 +329,7 @@ class SlotActionClient(SlotAction):
             return
         if goal.will is not None and goal.will.is_executed:
             goal.will = None
-            self._faults.report(self._link, f"goal {goal.number}: its machine is lost", "lost")
+            self._link.report_fault(f"goal {goal.number}: its machine is lost", "lost")
             self._cancel_wanted(goal)
         goal.waited_s += _LOOK_S
         ready = self._client.ready
@@ -494,13 +488,13 @@ class SlotActionServer(SlotAction):
         canceling = served.goal.status is GoalStatus.CANCELING
         if not status.final or (status is GoalStatus.CANCELED and not canceling):
             text = f"a goal that is {served.goal.status.name} cannot end as {status.name}: aborted"
-            self._faults.report(self._link, text, "status")
+            self._link.report_fault(text, "status")
             status = GoalStatus.ABORTED
         result = from_slot(self._slots.of.result, sample.message)
         try:
             self._slots.of.result.encode(result)
         except CdrError as error:
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             status, result = GoalStatus.ABORTED, self._slots.of.result.message()
         self._served = None
         served.goal.end(status, result)
@@ -519,7 +513,7 @@ class SlotActionServer(SlotAction):
             return
         self._link.failed += 1
         if why:
-            self._faults.report(self._link, f"a goal was not carried out: {why}", "undone")
+            self._link.report_fault(f"a goal was not carried out: {why}", "undone")
         if served.is_decided:
             served.goal.end(GoalStatus.ABORTED, self._slots.of.result.message())
         else:

@@ -12,7 +12,7 @@ import time
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.service_slots import ServiceSlots, from_slot, into_slot
 from llfsm.bridges.ros2.errors import CdrError, Ros2Error
 from llfsm.bridges.ros2.transport import Client, ServiceRequest
@@ -35,20 +35,20 @@ class SlotClient:
         client: Client[Any, Any],
         timeout: float,
         link: BridgeLink,
-        faults: LinkFaults,
     ) -> None:
         self._slots = slots
         self._client = client
         self._timeout = timeout
         self._link = link
-        self._faults = faults
         requests: BoundSlot[Any] = board[slots.request]
         self._answers: BoundSlot[Any] = board[slots.answer]
         self._seen = requests.count
         old = unanswered(requests, self._answers)
         if old is not None:
             self._fail(old, "it was requested before the bridge started")
-        self._subscription = requests.subscribe(self._call, after=self._seen, on_error=self._failed)
+        self._subscription = requests.subscribe(
+            self._call, after=self._seen, on_error=link.count_fault
+        )
 
     def finish(self) -> None:
         """Stop after the request that is on the slot by now."""
@@ -63,7 +63,7 @@ class SlotClient:
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the requests were replaced by newer ones before they were sent"
-            self._faults.report(self._link, text, "lost")
+            self._link.report_fault(text, "lost")
         number = sample.message.number
         try:
             request = from_slot(self._slots.of.request, sample.message)
@@ -77,10 +77,6 @@ class SlotClient:
     def _fail(self, number: int, why: str) -> None:
         self._link.failed += 1
         self._answers.add(self._slots.failed(number, why))
-
-    def _failed(self, error: Exception) -> bool:
-        self._faults.count(self._link, error)
-        return True
 
 
 def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:
@@ -107,19 +103,11 @@ class SlotServer:
     request's number; with a ``failure`` the call fails.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        slots: ServiceSlots,
-        timeout: float,
-        link: BridgeLink,
-        faults: LinkFaults,
-    ) -> None:
+    def __init__(self, board: Board, slots: ServiceSlots, timeout: float, link: BridgeLink) -> None:
         """``timeout`` is how many seconds a request may wait for its answer from its arrival."""
         self._slots = slots
         self._timeout = timeout
         self._link = link
-        self._faults = faults
         self._over = threading.Event()
         self._requests: BoundSlot[Any] = board[slots.request]
         self._answers: BoundSlot[Any] = board[slots.answer]
@@ -156,7 +144,7 @@ class SlotServer:
                     request.answer(from_slot(self._slots.of.response, answer))
                     self._link.count()
             except (CdrError, WhiteboardError) as error:
-                self._faults.count(self._link, error)
+                self._link.count_fault(error)
                 request.fail(str(error))
 
     def _ask(self, request: ServiceRequest[Any, Any], until: float) -> Any:
@@ -171,7 +159,7 @@ class SlotServer:
             try:
                 sample = answers.next(min(left, POLL_S))
             except MessageUnreadableError as error:
-                self._faults.count(self._link, error)
+                self._link.count_fault(error)
                 continue
             if sample is not None and sample.message.number == self._number:
                 return sample.message.failure or sample.message

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.transport import ServiceRequest
 from llfsm.bridges.ros2.types import RosService
@@ -39,7 +39,6 @@ class PositionServer:
         of: RosService,
         in_ros: BridgeLink,
         in_slots: BridgeLink,
-        faults: LinkFaults,
     ) -> None:
         self._pose = board[pose]
         self._pose_slot = pose.name
@@ -47,14 +46,13 @@ class PositionServer:
         self._response = of.response.message
         self._in_ros = in_ros
         self._in_slots = in_slots
-        self._faults = faults
         self._answers: BoundSlot[TurtlePositionAnswer] = board[ANSWER]
         requests: BoundSlot[TurtlePositionRequest] = board[REQUEST]
         after = requests.count
         if unanswered(requests, self._answers) is not None:
             after -= 1  # requested before the bridge started, and to be answered now
         self._subscription = requests.subscribe(
-            self._asked_in_slot, after=after, on_error=self._failed
+            self._asked_in_slot, after=after, on_error=in_slots.count_fault
         )
 
     def asked(self, request: ServiceRequest[Any, Any]) -> None:
@@ -91,7 +89,3 @@ class PositionServer:
         else:
             self._answers.add(TurtlePositionAnswer(number, pose.x, pose.y, pose.theta))
             self._in_slots.count()
-
-    def _failed(self, error: Exception) -> bool:
-        self._faults.count(self._in_slots, error)
-        return True

@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.relays import FromRos, RelaySettings, ToRos
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, SerializedBytes
+from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, Notifier, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 from waiting import PATIENCE_S, wait_for
@@ -66,7 +66,7 @@ def to_ros(board, blocked):
     made = []
 
     def start(**options):
-        made.append(ToRos(board[N], blocked, link(), LinkFaults(print), **options))
+        made.append(ToRos(board[N], blocked, link(), **options))
 
     yield start
     for each in made:
@@ -74,8 +74,8 @@ def to_ros(board, blocked):
         each.close()
 
 
-def link():
-    return BridgeLink("n", "->", "/n", TYPE)
+def link(notify=print):
+    return BridgeLink("n", "->", "/n", TYPE, Notifier(notify))
 
 
 def test_each_change_of_a_slot_is_published(board, start, received):
@@ -193,7 +193,7 @@ class Counted(SerializedBytes):
 
 def test_at_a_rate_only_what_is_added_is_decoded(board, number):
     later = TimerThread("test")
-    relay = FromRos(board[N], link(), LinkFaults(print), later, settings=RelaySettings(0.05))
+    relay = FromRos(board[N], link(), later, settings=RelaySettings(0.05))
     Counted.decoded = 0
     stamps = []
     for value in range(1000):
@@ -283,8 +283,8 @@ def test_a_message_that_is_too_large_is_reported_once_and_the_next_is_added(
 
 
 def test_bytes_that_are_no_message_are_reported_once_and_the_next_is_added(board, number, reported):
-    each = link()
-    relay = FromRos(board[N], each, LinkFaults(reported), TimerThread("test"))
+    each = link(reported)
+    relay = FromRos(board[N], each, TimerThread("test"))
     for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
         relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number.decode))
     assert board.get_message(N) == Int64(5)
