@@ -29,11 +29,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from llfsm.bridges.recording.errors import (
-    RecordingError,
-    RecordingFileError,
-    RerunError,
-)
+from llfsm.bridges.recording.errors import RecordingError, RecordingFileError, RerunError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, ManualClock, Reason
 from llfsm.runtime.engine.arrangement import Loadable

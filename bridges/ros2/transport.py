@@ -33,7 +33,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar, cast
 
 from llfsm.bridges.ros2.defaults import DOMAINS
 from llfsm.bridges.ros2.errors import CdrError, DomainIdError, TransportClosedError
@@ -199,6 +199,10 @@ class SerializedBytes(SerializedMessage[M]):
         return self._decode(self._data)
 
 
+Arrived = Callable[[SerializedMessage[M]], None]
+"""A subscription's callback."""
+
+
 class Publisher(Closable, Generic[M]):
     """Publishes messages on a topic."""
 
@@ -293,6 +297,10 @@ class ServiceRequest(ABC, Generic[Req, Res]):
         """
 
 
+Handler = Callable[[ServiceRequest[Any, Any]], None]
+"""A server's callback."""
+
+
 class Server(Closable):
     """Serves a service until it is closed."""
 
@@ -313,43 +321,38 @@ class Node(Closable):
         """The full name, with the namespace."""
         self._names = names
 
-    @abstractmethod
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> Publisher[M]:
         """Create a publisher of a topic."""
+        return cast("Publisher[M]", self._create(Role.PUBLISHER, topic, of, qos))
 
-    @abstractmethod
     def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
+        self, topic: str, of: RosMessage[M], callback: Arrived[M], qos: Qos = TOPIC
     ) -> TopicSubscription:
         """Create a subscription: ``callback`` is called with each message of a topic."""
+        return cast("TopicSubscription", self._create(Role.SUBSCRIPTION, topic, of, qos, callback))
 
-    @abstractmethod
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> Client[Any, Any]:
         """Create a client of a service."""
+        return cast("Client[Any, Any]", self._create(Role.CLIENT, service, of, qos))
 
-    @abstractmethod
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> Server:
+    def server(self, service: str, of: RosService, handler: Handler, qos: Qos = SERVICE) -> Server:
         """Create a server: ``handler`` gets each request and answers it, then or later.
 
         An error that the handler raises fails the request and is reported as a notice.
         """
+        return cast("Server", self._create(Role.SERVER, service, of, qos, handler))
 
-    def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
-        """Describe an endpoint of this node, with its full name."""
-        self._check_open()
-        topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
-        full = self._names.full(name) if topics else self._names.full_service(name)
-        return Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+    def _create(self, role: Role, name: str, of: Any, qos: Qos, *callback: Any) -> Closable:
+        with self._lifetime:
+            self._check_open()
+            topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
+            full = self._names.full(name) if topics else self._names.full_service(name)
+            end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+            return self._make(end, of, qos, *callback)
+
+    @abstractmethod
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> Closable:
+        """Make the endpoint, of the transport's own class for its role."""
 
     def __str__(self) -> str:
         return f"the node {self.name}"

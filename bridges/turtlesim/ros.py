@@ -271,12 +271,7 @@ class RosTurtlesim:
         for name, turtle in turtles.items():
             if name not in self._turtles:
                 self._turtles[name] = RosTurtle(
-                    turtle,
-                    self.simulator,
-                    self._node,
-                    self._types,
-                    self.queue.put,
-                    self.time,
+                    turtle, self.simulator, self._node, self._types, self.queue.put, self.time
                 )
 
     def _log_line(self, level: Level, text: str) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 
 from llfsm.bridges.ros2.graph import Endpoint
 from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos
 from llfsm.bridges.ros2.transport import (
+    Arrived,
     Closable,
     MessageInfo,
     Publisher,
@@ -77,8 +77,8 @@ class MemorySubscription(TopicSubscription, Member):
         node: str,
         end: Endpoint,
         of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
+        callback: Arrived[M],
     ) -> None:
         super().__init__(owner)
         self.name = end.name

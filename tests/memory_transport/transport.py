@@ -6,20 +6,17 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
-from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.graph import NO_REMAPPING, Endpoint, Graph, Names, Role
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import (
+    Closable,
     Node,
     Notice,
     Notifier,
-    SerializedMessage,
-    ServiceRequest,
     Transport,
     log_notice,
 )
-from llfsm.bridges.ros2.types import RosMessage, RosService
-from llfsm.whiteboard.message import M
 
 from .services import MemoryClient, MemoryServer
 from .topics import MemoryPublisher, MemorySubscription
@@ -80,39 +77,18 @@ class _MemoryNode(Node, Member):
         super().__init__(owner, names)
         self.join(site, self.name)
 
-    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> MemoryPublisher[M]:
-        with self._lifetime:
-            end = self._end(Role.PUBLISHER, topic, of, qos)
-            return MemoryPublisher(self, self.site, self.name, end, of, qos)
-
-    def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
-    ) -> MemorySubscription:
-        with self._lifetime:
-            end = self._end(Role.SUBSCRIPTION, topic, of, qos)
-            return MemorySubscription(self, self.site, self.name, end, of, callback, qos)
-
-    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> MemoryClient:
-        with self._lifetime:
-            end = self._end(Role.CLIENT, service, of, qos)
-            return MemoryClient(self, self.site, self.name, end, of)
-
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> MemoryServer:
-        if of.name in self.site.world.missing_types:
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> Closable:
+        if end.role is Role.SERVER and of.name in self.site.world.missing_types:
             raise TransportUnavailableError(f"{of.name} is not built")
-        with self._lifetime:
-            end = self._end(Role.SERVER, service, of, qos)
-            return MemoryServer(self, self.site, self.name, end, of, handler)
+        return _KINDS[end.role](self, self.site, self.name, end, of, qos, *callback)
 
     def _close(self) -> None:
         self.site.world.leave(self)
+
+
+_KINDS: dict[Role, Callable[..., Closable]] = {
+    Role.PUBLISHER: MemoryPublisher,
+    Role.SUBSCRIPTION: MemorySubscription,
+    Role.CLIENT: MemoryClient,
+    Role.SERVER: MemoryServer,
+}

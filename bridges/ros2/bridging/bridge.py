@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Protocol
 
 from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import (
-    ActionPlan,
     BridgePlan,
     PositionPlan,
     RelayPlan,
@@ -319,14 +318,7 @@ class Bridge:
                 echo = EchoFilter(publisher, plan.of)
         if plan.from_ros:
             link = self._link(plan.slot.name, "<-", plan.topic, plan.of.name)
-            relay = FromRos(
-                slot,
-                link,
-                self._timer,
-                settings=settings,
-                echo=echo,
-                latest=arrival,
-            )
+            relay = FromRos(slot, link, self._timer, settings=settings, echo=echo, latest=arrival)
             link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
         if publisher is not None and plan.to_ros is not None:
             link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
@@ -364,30 +356,23 @@ class Bridge:
 
     def _client(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
-        link = self._link(slots.request.name, "->", plan.service, slots.of.name)
+        link = self._link(slots.request.name, "->", plan.full_name, slots.of.name)
         link.client = client = node.client(plan.name, slots.of)
         caller = SlotClient(self._board, slots, client, plan.timeout, link)
         self._workers.append(caller)
 
     def _server(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
-        link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
+        link = self._link(slots.request.name, "<-", plan.full_name, slots.of.name)
         answerer = SlotServer(self._board, slots, plan.timeout, link)
         self._workers.append(answerer)
         node.server(plan.name, slots.of, answerer.asked)
 
-    def _action(self, node: Node, plan: ActionPlan, types: TypeLibrary, time: NodeTime) -> None:
+    def _action(self, node: Node, plan: ServicePlan, types: TypeLibrary, time: NodeTime) -> None:
         slots, arrow = plan.slots, "<-" if plan.serve else "->"
-        link = self._link(slots.goal.name, arrow, plan.action, slots.of.name)
+        link = self._link(slots.goal.name, arrow, plan.full_name, slots.of.name)
         place = ActionPlace(
-            self._board,
-            slots,
-            node,
-            plan.name,
-            types,
-            plan.timeout,
-            link,
-            self._timer,
+            self._board, slots, node, plan.name, types, plan.timeout, link, self._timer
         )
         if plan.serve:
             self._workers.append(SlotActionServer(place, time.now_ns))

@@ -57,10 +57,7 @@ class EchoFilter(Generic[M]):
     """
 
     def __init__(
-        self,
-        publisher: Publisher[M],
-        of: RosMessage[M],
-        now: Callable[[], float] = time.monotonic,
+        self, publisher: Publisher[M], of: RosMessage[M], now: Callable[[], float] = time.monotonic
     ) -> None:
         self._gid = publisher.gid
         self._encode = of.encode
@@ -119,12 +116,7 @@ class LossWatch(Generic[M]):
     """
 
     def __init__(
-        self,
-        slot: BoundSlot[M],
-        message: M,
-        data: bytes,
-        link: BridgeLink,
-        timer: TimerThread,
+        self, slot: BoundSlot[M], message: M, data: bytes, link: BridgeLink, timer: TimerThread
     ) -> None:
         """``data`` is the message as the slot encodes it."""
         self._slot = slot

@@ -19,30 +19,17 @@ import zenoh
 
 from llfsm.bridges.ros2.defaults import ROUTER
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
-from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.graph import NO_REMAPPING, Endpoint, Graph, Names
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import (
-    Node,
-    Notice,
-    NoticeKind,
-    Notifier,
-    SerializedMessage,
-    ServiceRequest,
-    Transport,
-    log_notice,
+from llfsm.bridges.ros2.transport import Node, Notice, NoticeKind, Notifier, Transport, log_notice
+from llfsm.bridges.ros2.zenoh_transport.endpoints import ENDPOINTS, Connection, Place, ZenohEndpoint
+from llfsm.bridges.ros2.zenoh_transport.graph import (
+    Discovery,
+    endpoint_token,
+    hand_over,
+    node_token,
 )
-from llfsm.bridges.ros2.types import RosMessage, RosService
-from llfsm.bridges.ros2.zenoh_transport.endpoints import (
-    Connection,
-    ZenohClient,
-    ZenohEndpoint,
-    ZenohPublisher,
-    ZenohServer,
-    ZenohSubscription,
-)
-from llfsm.bridges.ros2.zenoh_transport.graph import Discovery, hand_over, node_token
-from llfsm.whiteboard.message import M
 from llfsm.whiteboard.mirror.settings import endpoint_problem
 from llfsm.whiteboard.mirror.zenoh_internals import error_text
 
@@ -256,42 +243,9 @@ class _ZenohNode(Node):
         self._numbers = numbers
         self._token = connection.session.liveliness().declare_token(token)
 
-    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
-        with self._lifetime:
-            return ZenohPublisher(self, self._endpoint(Role.PUBLISHER, topic, of, qos), of, qos)
-
-    def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
-    ) -> ZenohSubscription:
-        with self._lifetime:
-            endpoint = self._endpoint(Role.SUBSCRIPTION, topic, of, qos)
-            return ZenohSubscription(self, endpoint, of, callback, qos)
-
-    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
-        with self._lifetime:
-            return ZenohClient(self, self._endpoint(Role.CLIENT, service, of, qos), of)
-
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> ZenohServer:
-        with self._lifetime:
-            return ZenohServer(self, self._endpoint(Role.SERVER, service, of, qos), of, handler)
-
-    def _endpoint(
-        self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos
-    ) -> ZenohEndpoint:
-        end = self._end(role, name, of, qos)
-        return ZenohEndpoint(
-            self._connection, self._token_key, next(self._numbers), end, of.dds_name
-        )
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> ZenohEndpoint:
+        token = endpoint_token(self._token_key, next(self._numbers), end, of.dds_name)
+        return ENDPOINTS[end.role](Place(self, self._connection, token, end), of, qos, *callback)
 
     def _close(self) -> None:
         self._token.undeclare()
