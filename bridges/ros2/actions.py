@@ -57,13 +57,9 @@ class ServerGoal:
         self._server = server
         self.request: ServiceRequest[Any, Any] | None = None  # while it is undecided
 
-    def accept(self) -> None:
-        """Accept it, if that was left open."""
-        self._server.decide(self, True)
-
-    def refuse(self) -> None:
-        """Refuse it, if that was left open."""
-        self._server.decide(self, False)
+    def decide(self, accepted: bool) -> None:
+        """Accept or refuse it, if that was left open."""
+        self._server.decide(self, accepted)
 
     def publish_feedback(self, feedback: Message) -> None:
         """Publish feedback on this goal."""
@@ -83,7 +79,7 @@ class ActionServer:
     """Serves one action of a node until it is closed.
 
     ``begin`` gets each new goal and returns whether it is accepted; with None that is left open,
-    and decided by the goal's ``accept`` or ``refuse``. ``cancel`` gets a goal that a client wants
+    and decided by the goal's ``decide``. ``cancel`` gets a goal that a client wants
     to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the goal that it
     gets. They are called through ``put``, on the thread that owns the server: call no
     method on another.

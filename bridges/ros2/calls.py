@@ -29,15 +29,13 @@ from llfsm.bridges.ros2.errors import (
     TransportClosedError,
 )
 from llfsm.bridges.ros2.threads import Put
-from llfsm.bridges.ros2.transport import MessageInfo, Notifier, ServiceRequest
+from llfsm.bridges.ros2.transport import Handler, MessageInfo, Notifier, ServiceRequest
 from llfsm.bridges.ros2.types import RosMessage, RosService
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
-def through(
-    put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
+def through(put: Put, handle: Handler) -> Handler:
     """Make a server's handler that queues requests for ``handle``; an error fails the request."""
 
     def work(request: ServiceRequest[Any, Any]) -> None:
@@ -51,9 +49,7 @@ def through(
     return lambda request: put(partial(work, request))
 
 
-def answering(
-    of: RosService, respond: Callable[[Any], dict[str, Any]]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
+def answering(of: RosService, respond: Callable[[Any], dict[str, Any]]) -> Handler:
     """Make a server's handler that answers with the fields that ``respond`` returns."""
     response = of.response.message
     return lambda request: request.answer(response(**respond(request.message)))
@@ -100,11 +96,9 @@ class PendingCalls:
 
     def close(self) -> None:
         """End all open calls."""
+        why = f"{self._service}: the client was closed before an answer"
         for call in list(self._pending):
-            _end(
-                call,
-                TransportClosedError(f"{self._service}: the client was closed before an answer"),
-            )
+            _end(call, TransportClosedError(why))
 
 
 def _end(call: Future[Any], error: Exception) -> None:
@@ -125,13 +119,7 @@ class Responder(Protocol):
 class PendingRequests:
     """Passes requests to a server's handler, and keeps those that are open."""
 
-    def __init__(
-        self,
-        name: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        notifier: Notifier,
-    ) -> None:
+    def __init__(self, name: str, of: RosService, handler: Handler, notifier: Notifier) -> None:
         self._name = name
         self._decode = of.request.decode
         self._encode = of.response.encode

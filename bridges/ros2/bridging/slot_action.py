@@ -21,6 +21,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -145,17 +146,17 @@ _LOOK_S = 0.1  # between two looks whether server and machine are still there
 _CANCEL_S = 1.0  # for a cancellation at the bridge's end to be answered
 
 
+@dataclass(eq=False)
 class _Goal:
-    def __init__(self, number: int, will: SenderWill | None = None) -> None:
-        self.number = number
-        self.will = will
-        self.key = uuid4().bytes
-        self.status = GoalStatus.UNKNOWN
-        self.is_to_cancel = False  # asked before the server has answered
-        self.is_over = False
-        self.unserved_s = 0.0
-        self.waited_s = 0.0  # since its result was asked for
-        self.asks = 1
+    number: int
+    will: SenderWill | None = None
+    key: bytes = field(default_factory=lambda: uuid4().bytes)
+    status: GoalStatus = GoalStatus.UNKNOWN
+    is_to_cancel: bool = False  # asked before the server has answered
+    is_over: bool = False
+    unserved_s: float = 0.0
+    waited_s: float = 0.0  # since its result was asked for
+    asks: int = 1
 
 
 class SlotActionClient(SlotAction):
@@ -366,11 +367,11 @@ class SlotActionClient(SlotAction):
 _END_S = 1.0  # for the last goal's end
 
 
+@dataclass(eq=False)
 class _Served:
-    def __init__(self, number: int, goal: ServerGoal) -> None:
-        self.number = number
-        self.goal = goal
-        self.is_decided = False
+    number: int
+    goal: ServerGoal
+    is_decided: bool = False
 
 
 class SlotActionServer(SlotAction):
@@ -468,7 +469,7 @@ class SlotActionServer(SlotAction):
 
     def _accept(self, served: _Served) -> None:
         served.is_decided = True
-        served.goal.accept()
+        served.goal.decide(True)
 
     def _take_feedback(self, sample: Sample[Any]) -> None:
         served = self._meant(sample.message.number)
@@ -517,4 +518,4 @@ class SlotActionServer(SlotAction):
         if served.is_decided:
             served.goal.end(GoalStatus.ABORTED, self._slots.of.result.message())
         else:
-            served.goal.refuse()
+            served.goal.decide(False)
