@@ -372,7 +372,6 @@ class Transport(Closable):
     def up(self) -> bool:
         """True while the connection to ROS exists; see :attr:`NoticeKind.DOWN`."""
 
-    @abstractmethod
     def node(
         self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
     ) -> Node:
@@ -380,17 +379,31 @@ class Transport(Closable):
 
         ``remap`` maps names of topics and services to the names that its endpoints use instead.
         """
+        with self._lifetime:
+            self._check_open()
+            return self._node(Names(name, namespace, remap))
+
+    @abstractmethod
+    def _node(self, names: Names) -> Node:
+        """Put a node on the graph."""
 
     @abstractmethod
     def graph(self) -> Graph:
         """Return the graph as it is known now, with our own nodes."""
 
-    @abstractmethod
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
         """Block until ``ready(graph)`` is true; return False after ``timeout`` seconds.
 
         Raise :class:`.TransportClosedError` if the transport is closed while waiting.
         """
+        done = self._wait(ready, timeout)
+        if done is None:
+            raise TransportClosedError(f"{self} is closed")
+        return done
+
+    @abstractmethod
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
+        """Wait ``timeout`` seconds for ``ready(graph)``; None: it was closed meanwhile."""
 
 
 def log_notice(notice: Notice) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Endpoint, Graph, Names, Role
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import (
@@ -45,24 +45,16 @@ class MemoryTransport(Transport):
         """Whether the world is there."""
         return self._site.world.up
 
-    def node(
-        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
-    ) -> Node:
-        """Put a node on the graph."""
-        with self._lifetime:
-            self._check_open()
-            return _MemoryNode(self, self._site, Names(name, namespace, remap))
+    def _node(self, names: Names) -> Node:
+        return _MemoryNode(self, self._site, names)
 
     def graph(self) -> Graph:
         """Return the graph of the domain."""
         return self._site.world.graph(self.domain)
 
-    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready`` says yes to the graph."""
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
         done = self._site.world.wait(lambda: self._closed or ready(self.graph()), timeout)
-        if self._closed:
-            raise TransportClosedError(f"{self} is closed")
-        return done
+        return None if self._closed else done
 
     def _close(self) -> None:
         self._site.world.shut(self._site.notifier)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-from llfsm.bridges.ros2.errors import TransportClosedError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Endpoint, Graph, Names
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
 from llfsm.bridges.ros2.rclpy_transport.endpoints import ENDPOINTS, Place, RclpyEndpoint
@@ -36,25 +35,16 @@ class RclpyTransport(Transport):
         up: bool = self._world.context.ok()
         return up
 
-    def node(
-        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
-    ) -> Node:
-        """Put a node on the graph."""
-        with self._lifetime:
-            self._check_open()
-            return _RclpyNode(self, self._world, Names(name, namespace, remap))
+    def _node(self, names: Names) -> Node:
+        return _RclpyNode(self, self._world, names)
 
     def graph(self) -> Graph:
         """Read the graph from rclpy."""
         self._check_open()
         return self._world.graph()
 
-    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready(graph)`` is true; it is checked 50 times a second."""
-        done = None if self._closed else self._world.wait(lambda: ready(self.graph()), timeout)
-        if done is None:
-            raise TransportClosedError(f"{self} is closed")
-        return done
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
+        return None if self._closed else self._world.wait(lambda: ready(self.graph()), timeout)
 
     def _close(self) -> None:
         self._world.close()

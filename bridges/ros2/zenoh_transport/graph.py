@@ -91,39 +91,16 @@ def node_token(
     domain: int, session: str, number: int, namespace: str, node: str, enclave: str = ""
 ) -> str:
     """Make a node's token; ``number`` is its own within the session."""
-    return "/".join(
-        (
-            _ROOT,
-            str(domain),
-            session,
-            str(number),
-            str(number),
-            _NODE_CODE,
-            _mangle(enclave),
-            _mangle(namespace),
-            node,
-        )
-    )
+    named = f"{_mangle(enclave)}/{_mangle(namespace)}/{node}"
+    return f"{_ROOT}/{domain}/{session}/{number}/{number}/{_NODE_CODE}/{named}"
 
 
 def endpoint_token(node: str, number: int, end: Endpoint, dds_type: str) -> str:
     """Make the token of an endpoint of the node whose token is ``node``."""
     root, domain, session, node_number, _, _, *named = node.split("/")
-    return "/".join(
-        (
-            root,
-            domain,
-            session,
-            node_number,
-            str(number),
-            _ROLES[end.role],
-            *named,
-            _mangle(end.name),
-            dds_type,
-            end.type_hash or "%",
-            _qos_text(end.qos or _DEFAULT),
-        )
-    )
+    topic = f"{_mangle(end.name)}/{dds_type}/{end.type_hash or '%'}"
+    of = f"{root}/{domain}/{session}/{node_number}/{number}/{_ROLES[end.role]}"
+    return "/".join((of, *named, topic, _qos_text(end.qos or _DEFAULT)))
 
 
 def parse(key: str) -> Token | None:

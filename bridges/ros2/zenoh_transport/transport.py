@@ -18,8 +18,8 @@ from typing import Any
 import zenoh
 
 from llfsm.bridges.ros2.defaults import ROUTER
-from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Endpoint, Graph, Names
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import Node, Notice, NoticeKind, Notifier, Transport, log_notice
@@ -161,33 +161,17 @@ class ZenohTransport(Transport):
         """True if it is connected to a router, or configured for none."""
         return not self._router or bool(self._routers)
 
-    def node(
-        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
-    ) -> Node:
-        """Put a node on the graph."""
-        names = Names(name, namespace, remap)
-        with self._lifetime:
-            self._check_open()
-            token = node_token(
-                self.domain,
-                self._session_id,
-                next(self._numbers),
-                names.namespace,
-                name,
-                self._enclave,
-            )
-            return _ZenohNode(self, names, token, self._connection, self._numbers)
+    def _node(self, names: Names) -> Node:
+        number, space = next(self._numbers), names.namespace
+        token = node_token(self.domain, self._session_id, number, space, names.node, self._enclave)
+        return _ZenohNode(self, names, token, self._connection, self._numbers)
 
     def graph(self) -> Graph:
         """Return the graph that the tokens describe now."""
         return self._discovery.graph()
 
-    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready(graph)`` is true."""
-        done = self._discovery.wait(ready, timeout)
-        if done is None:
-            raise TransportClosedError(f"{self} is closed")
-        return done
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
+        return self._discovery.wait(ready, timeout)
 
     def __str__(self) -> str:
         return "the transport on Zenoh"
