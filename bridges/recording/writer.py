@@ -190,11 +190,6 @@ class RecordingWriter:
         self._writer.add_message(journal, stamp_ns, data, stamp_ns, number & (WRAP - 1))
         self.events += "reads" in entry
 
-    def add_lost(self, journal: int) -> None:
-        """Mark a gap: entries of a journal are missing here."""
-        self.lost += 1
-        self.add_entry(journal, {"event": "Lost"})
-
     def add_metadata(self, name: str, about: Mapping[str, str]) -> None:
         """Write metadata, and hand it to the system at once."""
         self._writer.add_metadata(name, {**about})
@@ -336,7 +331,8 @@ class JournalWriter:
 
     def add_lost(self) -> None:
         """Mark a gap: entries are missing here."""
-        self._writer.add_lost(self._channel)
+        self._writer.lost += 1
+        self._writer.add_entry(self._channel, {"event": "Lost"})
 
     def describe(self) -> bool:
         """Write the metadata of the arrangement once; return True if they were written before."""

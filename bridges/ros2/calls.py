@@ -17,6 +17,7 @@ import weakref
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
@@ -160,24 +161,17 @@ class PendingRequests:
             request.fail_if_open("the server was closed")
 
 
+@dataclass(eq=False)
 class _Request(ServiceRequest[Any, Any]):
-    def __init__(
-        self,
-        service: str,
-        message: Any,
-        info: MessageInfo,
-        encode: Callable[[Any], bytes],
-        back: Responder,
-    ) -> None:
-        self.message = message
-        self.info = info
-        self._service = service
-        self._encode = encode
-        self._back: Responder | None = back
-        self._taking = threading.Lock()
+    service: str
+    message: Any
+    info: MessageInfo
+    encode: Callable[[Any], bytes]
+    back: Responder | None
+    taking: threading.Lock = field(default_factory=threading.Lock)
 
     def answer(self, response: Any) -> None:
-        data = self._encode(response)
+        data = self.encode(response)
         self._take_back().answer(data)
 
     def fail(self, reason: str) -> None:
@@ -188,10 +182,10 @@ class _Request(ServiceRequest[Any, Any]):
             self.fail(reason)
 
     def _take_back(self) -> Responder:
-        with self._taking:
-            back, self._back = self._back, None
+        with self.taking:
+            back, self.back = self.back, None
         if back is None:
-            raise AlreadyAnsweredError(f"this request of {self._service} is already answered")
+            raise AlreadyAnsweredError(f"this request of {self.service} is already answered")
         return back
 
     def __del__(self) -> None:

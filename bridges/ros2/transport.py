@@ -177,26 +177,18 @@ class SerializedMessage(ABC, Generic[M]):
 class SerializedBytes(SerializedMessage[M]):
     """A received message whose bytes were copied from the middleware."""
 
-    __slots__ = ("_data", "_decode", "_info")
+    __slots__ = ("_decode", "data", "info")
+    data: bytes
+    info: MessageInfo
 
     def __init__(self, data: bytes, info: MessageInfo, decode: Callable[[bytes], M]) -> None:
-        self._data = data
-        self._info = info
+        self.data = data
+        self.info = info
         self._decode = decode
-
-    @property
-    def data(self) -> bytes:
-        """The bytes that were published."""
-        return self._data
-
-    @property
-    def info(self) -> MessageInfo:
-        """Its publisher, sequence number and time."""
-        return self._info
 
     def decode(self) -> M:
         """Decode the message; raise :class:`.CdrError`."""
-        return self._decode(self._data)
+        return self._decode(self.data)
 
 
 Arrived = Callable[[SerializedMessage[M]], None]
@@ -214,7 +206,8 @@ class Publisher(Closable, Generic[M]):
     """The times that the middleware has reported :attr:`NoticeKind.QOS_BROKEN`. Over Zenoh, as with
     rmw_zenoh_cpp, it does not."""
 
-    @abstractmethod
+    _encode: Callable[[M], bytes]
+
     def publish(self, message: M) -> None:
         """Encode and send a message.
 
@@ -223,13 +216,18 @@ class Publisher(Closable, Generic[M]):
         :class:`.CdrError` if a field's value does not fit its ROS type,
         :class:`.TransportClosedError` after ``close``.
         """
+        self._send(self._encode(message))
 
-    @abstractmethod
     def forward(self, arrival: SerializedMessage[M]) -> None:
         """Send a received message of the topic's type as it came; nothing is encoded.
 
         As :meth:`publish`, it has this publisher's number and time.
         """
+        self._send(arrival.data)
+
+    @abstractmethod
+    def _send(self, data: bytes) -> None:
+        """Send an encoded message, with a number and the time."""
 
 
 class TopicSubscription(Closable):
@@ -267,6 +265,9 @@ class Client(Closable, Generic[Req, Res]):
         Its done-callbacks run on a thread of the transport. ``cancel`` forgets the call; the server
         is not notified. Raise :class:`.CdrError` if a field's value does not fit its ROS type.
         """
+
+    def __str__(self) -> str:
+        return f"the client of {self.name}"
 
 
 class ServiceRequest(ABC, Generic[Req, Res]):

@@ -61,9 +61,6 @@ class MemoryClient(Client[Any, Any], Member):
         self.site.world.leave(self)
         self._calls.close()
 
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
-
 
 class _Reply(NamedTuple):
     calls: PendingCalls

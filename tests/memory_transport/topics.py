@@ -13,7 +13,6 @@ from llfsm.bridges.ros2.transport import (
     MessageInfo,
     Publisher,
     SerializedBytes,
-    SerializedMessage,
     TopicSubscription,
 )
 from llfsm.bridges.ros2.types import RosMessage
@@ -42,14 +41,6 @@ class MemoryPublisher(Publisher[M], Member):
             maxlen=0 if qos.durability is DurabilityPolicy.VOLATILE else kept
         )
         self.join(site, node, end)
-
-    def publish(self, message: M) -> None:
-        """Encode a message and hand it to every subscription that fits."""
-        self._send(self._encode(message))
-
-    def forward(self, arrival: SerializedMessage[M]) -> None:
-        """Hand what came to every subscription that fits."""
-        self._send(arrival.data)
 
     def _send(self, data: bytes) -> None:
         with self.site.world.changed:  # a subscription that comes now gets it once

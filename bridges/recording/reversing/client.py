@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 _SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER, of <linux/prctl.h>
 
 
-@dataclass
+@dataclass(eq=False)
 class Client(ABC):
     """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are.
 
@@ -127,6 +127,7 @@ class _Running(NamedTuple):
     """The number of the moment from which it ran on."""
 
 
+@dataclass(eq=False)
 class ForkingClient(Client):
     """Ask objects in processes that are forked from checkpoints.
 

@@ -28,24 +28,23 @@ class Explanation(NamedTuple):
     variables: MachineVariables
 
 
-class Explained:
+class Explained(NamedTuple):
     """Answers questions about machines that are rerun, beside their `debugger`."""
 
-    def __init__(self, debugger: ReverseDebugger):
-        self._debugger = debugger
+    debugger: ReverseDebugger
 
     def past(self, now_ns: int) -> tuple[str, _Found]:
         """Go past a moment, and return as `explain` does."""
-        self._debugger.go_past(now_ns)
+        self.debugger.go_past(now_ns)
         return self.explain(now_ns)
 
     def explain(self, now_ns: int) -> tuple[str, _Found]:
         """Return the machines at this moment, by their names, or why there is no such moment."""
-        self._debugger.wait()
-        if self._debugger.difference:
-            return self._debugger.difference, {}
-        arrangement = self._debugger.arrangement
-        now_ns -= self._debugger.debugger.behind_ns  # by the machines' clock
+        self.debugger.wait()
+        if self.debugger.difference:
+            return self.debugger.difference, {}
+        arrangement = self.debugger.arrangement
+        now_ns -= self.debugger.debugger.behind_ns  # by the machines' clock
         # Breakpoints are none of the recording's.
         return "", {
             machine.name: Explanation(

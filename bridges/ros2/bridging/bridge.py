@@ -219,18 +219,14 @@ class Bridge:
         board: Board,
         transport: Transport,
         notify: Callable[[Notice], None] = log_notice,
-        *,
-        history: float = 1.0,
     ) -> None:
         """Start. ``notify`` gets the faults of links, each kind once for a link.
 
-        ``history`` is how many seconds a latched topic has to deliver what it has kept before its
-        slot is published. Raise :class:`.SlotTypeError` if a slot was made with another type since
+        Raise :class:`.SlotTypeError` if a slot was made with another type since
         the plan was made.
         """
         self.links: list[BridgeLink] = []
         self._board = board
-        self._history = history
         self._notifier = Notifier(notify)
         self._timer = TimerThread("bridge rates")
         self._workers: list[_Worker] = []
@@ -329,7 +325,6 @@ class Bridge:
                 link,
                 settings=settings,
                 latched=plan.to_ros.durability is DurabilityPolicy.TRANSIENT_LOCAL,
-                history=self._history,
                 echo=echo,
                 arrival=arrival if plan.from_ros is None else None,
             )

@@ -143,24 +143,20 @@ def make_plan(
     have a ``where`` in the configuration. ``arguments`` remap the node and the topics. Raise
     :class:`.RosArgumentError` for a name in them that is none.
     """
-    planner = _Planner(config, folder, {info.name: info for info in slots}, arguments)
+    planner = _Planner(config, folder, slots, arguments)
     return planner.plan(), planner.faults
 
 
 class _Planner:
     def __init__(
-        self,
-        config: BridgeConfig,
-        folder: Path,
-        on_board: Mapping[str, SlotInfo],
-        arguments: RosArguments,
+        self, config: BridgeConfig, folder: Path, slots: list[SlotInfo], arguments: RosArguments
     ) -> None:
         self.faults: list[ConfigurationError] = []
         self._warnings: list[ConfigurationError] = []
         self._notes: list[ConfigurationError] = []
         self._config = config
         self._arguments = arguments
-        self._on_board = on_board
+        self._on_board = {info.name: info for info in slots}
         self._slots: dict[str, Slot[Any]] = {}
         self._topic_types: dict[str, str] = {}
         self._library = TypeLibrary()

@@ -253,6 +253,9 @@ def _undecoded(count: int) -> Sample[Any]:
     return Sample[Any](None, count, 0, 0)
 
 
+HISTORY_S = 1.0  # that a latched topic has to deliver what it has kept
+
+
 class ToRos(Generic[M]):
     """Publishes each change that it sees of a slot.
 
@@ -269,13 +272,12 @@ class ToRos(Generic[M]):
         *,
         settings: RelaySettings | None = None,
         latched: bool = False,
-        history: float = 1.0,
         echo: EchoFilter[M] | None = None,
         arrival: LatestArrival[M] | None = None,
     ) -> None:
         """Begin to publish, as ``settings`` allow.
 
-        ``latched`` and with an ``echo``, it begins after ``history`` seconds. What is the latest
+        ``latched`` and with an ``echo``, it begins after a second. What is the latest
         ``arrival`` is published as it came.
         """
         self.slot = slot
@@ -283,7 +285,7 @@ class ToRos(Generic[M]):
         self._link = link
         self._echo = echo
         self._settings = settings or RelaySettings()
-        self._begin = time.monotonic() + (history if latched and echo else 0.0)
+        self._begin = time.monotonic() + (HISTORY_S if latched and echo else 0.0)
         self._over = threading.Event()
         self._arrival = arrival
         self._seen = 0 if latched else slot.count

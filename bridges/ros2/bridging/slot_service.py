@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
 from llfsm.whiteboard.subscription import POLL_S, Cursor
 
 
+@dataclass(eq=False)
 class SlotClient:
     """Calls a service for the requests in a slot, one call at a time.
 
@@ -28,26 +30,21 @@ class SlotClient:
     with a failure, so that nothing is done twice.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        slots: ServiceSlots,
-        client: Client[Any, Any],
-        timeout: float,
-        link: BridgeLink,
-    ) -> None:
-        self._slots = slots
-        self._client = client
-        self._timeout = timeout
-        self._link = link
-        requests: BoundSlot[Any] = board[slots.request]
-        self._answers: BoundSlot[Any] = board[slots.answer]
+    board: Board
+    slots: ServiceSlots
+    client: Client[Any, Any]
+    timeout: float
+    link: BridgeLink
+
+    def __post_init__(self) -> None:
+        requests: BoundSlot[Any] = self.board[self.slots.request]
+        self._answers: BoundSlot[Any] = self.board[self.slots.answer]
         self._seen = requests.count
         old = unanswered(requests, self._answers)
         if old is not None:
             self._fail(old, "it was requested before the bridge started")
         self._subscription = requests.subscribe(
-            self._call, after=self._seen, on_error=link.count_fault
+            self._call, after=self._seen, on_error=self.link.count_fault
         )
 
     def finish(self) -> None:
@@ -56,27 +53,27 @@ class SlotClient:
 
     def close(self) -> None:
         """Wait for that; an open call ends with its client."""
-        self._client.close()
+        self.client.close()
         self._subscription.close()
 
     def _call(self, sample: Sample[Any]) -> None:
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the requests were replaced by newer ones before they were sent"
-            self._link.report_fault(text, "lost")
+            self.link.report_fault(text, "lost")
         number = sample.message.number
         try:
-            request = from_slot(self._slots.of.request, sample.message)
-            call = self._client.call(request, timeout=self._timeout)
-            self._answers.add(into_slot(self._slots.answer, number, call.result()))
+            request = from_slot(self.slots.of.request, sample.message)
+            call = self.client.call(request, timeout=self.timeout)
+            self._answers.add(into_slot(self.slots.answer, number, call.result()))
         except (Ros2Error, WhiteboardError) as error:
             self._fail(number, str(error))
         else:
-            self._link.count()
+            self.link.count()
 
     def _fail(self, number: int, why: str) -> None:
-        self._link.failed += 1
-        self._answers.add(self._slots.failed(number, why))
+        self.link.failed += 1
+        self._answers.add(self.slots.failed(number, why))
 
 
 def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:

@@ -19,13 +19,7 @@ from typing import Any, TypeVar
 from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
 from llfsm.bridges.ros2.errors import TransportUnavailableError
 from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
-from llfsm.bridges.ros2.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    Qos,
-    ReliabilityPolicy,
-)
+from llfsm.bridges.ros2.qos import TOPIC, Qos
 from llfsm.bridges.ros2.rclpy_transport import api
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import NoticeKind, Notifier
@@ -275,14 +269,13 @@ def _endpoint(role: Role, topic: str, info: Any) -> Endpoint:
         info.topic_type,
         hash_text if hash_text.startswith("RIHS") else None,  # not every middleware reports it
         Qos(
-            _known(ReliabilityPolicy, profile.reliability, ReliabilityPolicy.RELIABLE),
-            _known(DurabilityPolicy, profile.durability, DurabilityPolicy.VOLATILE),
-            # Those of other nodes are often unknown.
-            _known(HistoryPolicy, profile.history, HistoryPolicy.KEEP_LAST),
-            profile.depth or Qos().depth,
+            _known(profile.reliability, TOPIC.reliability),
+            _known(profile.durability, TOPIC.durability),
+            _known(profile.history, TOPIC.history),  # those of other nodes are often unknown
+            profile.depth or TOPIC.depth,
             _finite(profile.deadline),
             _finite(profile.lifespan),
-            _known(LivelinessPolicy, profile.liveliness, LivelinessPolicy.AUTOMATIC),
+            _known(profile.liveliness, TOPIC.liveliness),
             _finite(profile.liveliness_lease_duration),
         ),
     )
@@ -293,5 +286,6 @@ def _finite(duration: Any) -> int:
     return ns if ns < _INFINITE_NS else 0
 
 
-def _known(kind: type[E], number: int, default: E) -> E:
+def _known(number: int, default: E) -> E:
+    kind = type(default)
     return kind(number) if number in list(kind) else default

@@ -28,7 +28,6 @@ from llfsm.bridges.ros2.transport import (
     NoticeKind,
     Publisher,
     SerializedBytes,
-    SerializedMessage,
     Server,
     TopicSubscription,
 )
@@ -69,12 +68,6 @@ class _RclpyPublisher(RclpyEndpoint, Publisher[M]):
             self, qos, world.rclpy.publisher_events, partial(create, self._class, self.name)
         )
         world.ours[self._end] = None
-
-    def publish(self, message: M) -> None:
-        self._send(self._encode(message))
-
-    def forward(self, arrival: SerializedMessage[M]) -> None:
-        self._send(arrival.data)
 
     def _send(self, data: bytes) -> None:
         try:
@@ -200,9 +193,6 @@ class _RclpyClient(RclpyEndpoint, Client[Any, Any]):
     def _close(self) -> None:
         self._calls.close()
         self._node.destroy_client(self._client)
-
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
 
 
 class _RclpyServer(RclpyEndpoint, Server):

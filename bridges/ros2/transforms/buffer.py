@@ -177,15 +177,12 @@ class FrameHistory:
                 f"Lookup would require extrapolation at time {_text(stamp_ns)}, "
                 f"but only time {_text(stamps[0])} is in the buffer"
             )
-        if stamp_ns > stamps[-1]:
+        if not stamps[0] < stamp_ns < stamps[-1]:
+            late = stamp_ns > stamps[-1]
+            where, known_at = ("future", "latest") if late else ("past", "earliest")
             raise ExtrapolationError(
-                "Lookup would require extrapolation into the future.  Requested time "
-                f"{_text(stamp_ns)} but the latest data is at time {_text(stamps[-1])}"
-            )
-        if stamp_ns < stamps[0]:
-            raise ExtrapolationError(
-                "Lookup would require extrapolation into the past.  Requested time "
-                f"{_text(stamp_ns)} but the earliest data is at time {_text(stamps[0])}"
+                f"Lookup would require extrapolation into the {where}.  Requested time "
+                f"{_text(stamp_ns)} but the {known_at} data is at time {_text(stamps[-late])}"
             )
         place = bisect_right(stamps, stamp_ns)
         before, after = known[place - 1], known[place]

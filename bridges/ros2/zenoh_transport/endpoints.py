@@ -127,9 +127,6 @@ class _ZenohPublisher(ZenohEndpoint, Publisher[M]):
         self._put = self._publisher.put
         self._show()
 
-    def publish(self, message: M) -> None:
-        self._send(self._encode(message))
-
     def forward(self, arrival: SerializedMessage[M]) -> None:
         # Zenoh does not copy what it received itself.
         self._send(arrival.payload if isinstance(arrival, _Sample) else arrival.data)
@@ -332,9 +329,6 @@ class _ZenohClient(ZenohEndpoint, Client[Any, Any]):
         self._calls.close()
         self._listener.undeclare()
         self._querier.undeclare()
-
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
 
 
 _WAITING = 256  # requests that may wait for the handler; beyond, callers block

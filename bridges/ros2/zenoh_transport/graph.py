@@ -16,6 +16,7 @@ is the set of tokens at the moment. Each new one is compared with ours of the sa
 from __future__ import annotations
 
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import partial
@@ -233,7 +234,7 @@ class Discovery:
         self._ours = str(session.zid())
         self._notifier = notifier
         self._tokens: dict[str, Token] = {}
-        self._by_name: dict[str, dict[str, Token]] = {}
+        self._by_name: defaultdict[str, dict[str, Token]] = defaultdict(dict)
         self._graph: Graph | None = None
         self._changed = threading.Condition()
         self._over = False
@@ -295,10 +296,7 @@ class Discovery:
         with self._changed:
             self._tokens.pop(key, None)
             if token.endpoint is not None:
-                of_name = self._by_name.get(token.endpoint.name, {})
-                of_name.pop(key, None)
-                if not of_name:
-                    self._by_name.pop(token.endpoint.name, None)
+                self._by_name[token.endpoint.name].pop(key, None)
             self._announce()
 
     def _add(self, key: str, token: Token) -> None:
@@ -306,7 +304,7 @@ class Discovery:
             self._tokens[key] = token
             others = []
             if token.endpoint is not None:
-                of_name = self._by_name.setdefault(token.endpoint.name, {})
+                of_name = self._by_name[token.endpoint.name]
                 others = list(of_name.values())
                 of_name[key] = token
             self._announce()

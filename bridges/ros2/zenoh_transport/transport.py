@@ -12,7 +12,8 @@ import itertools
 import json
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import zenoh
@@ -68,12 +69,8 @@ def open_node_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list
         raise TransportUnavailableError(f"router: {problem}")
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     if path:
-        try:
+        with _explaining(f"ZENOH_SESSION_CONFIG_URI={path}: "):
             config = zenoh.Config.from_file(path)
-        except zenoh.ZError as error:
-            raise TransportUnavailableError(
-                f"ZENOH_SESSION_CONFIG_URI={path}: {error_text(error)}"
-            ) from error
     else:
         config = _configured(_ALWAYS | _PEER)
     for entry in filter(None, map(str.strip, os.environ.get(_OVERRIDE, "").split(";"))):
@@ -97,17 +94,21 @@ def _configured(settings: Mapping[str, Any]) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> None:
-    try:
+    with _explaining(source):
         config.insert_json5(name, value)
-    except zenoh.ZError as error:
-        raise TransportUnavailableError(f"{source}{error_text(error)}") from error
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
-    try:
+    with _explaining():
         return zenoh.open(config)
+
+
+@contextmanager
+def _explaining(source: str = "") -> Iterator[None]:
+    try:
+        yield
     except zenoh.ZError as error:
-        raise TransportUnavailableError(error_text(error)) from error
+        raise TransportUnavailableError(f"{source}{error_text(error)}") from error
 
 
 _GRACE = 1.0  # seconds that opening waits for a router before it reports its absence

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import pytest
 
+from llfsm.bridges.ros2.bridging import relays
 from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.relays import FromRos, RelaySettings, ToRos
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
@@ -114,18 +115,24 @@ def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, 
 BOTH_LATCHED = {"slot": "n", "type": TYPE, "direction": "both", "durability": "transient_local"}
 
 
-def test_in_both_directions_ros_says_what_is_true_at_the_beginning(board, start, peer, number):
+def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
+    board, start, peer, number, monkeypatch
+):
+    monkeypatch.setattr(relays, "HISTORY_S", 1000.0)
     board.add_message(N, Int64(1))
-    bridge = start(relay=[BOTH_LATCHED], history=1000.0)
+    bridge = start(relay=[BOTH_LATCHED])
     peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))  # late, but in time
     wait_for(lambda: board.get_message(N) == Int64(2))
     bridge.close()
     assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
 
 
-def test_in_both_directions_the_slot_says_it_if_ros_does_not(board, start, peer, number, seen):
+def test_in_both_directions_the_slot_says_it_if_ros_does_not(
+    board, start, peer, number, seen, monkeypatch
+):
+    monkeypatch.setattr(relays, "HISTORY_S", 0.01)
     board.add_message(N, Int64(1))
-    start(relay=[BOTH_LATCHED], history=0.01)
+    start(relay=[BOTH_LATCHED])
     got = seen()
     peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
     got.wait(len)
