@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import chain
 from typing import Any, NamedTuple, Protocol
@@ -74,47 +75,46 @@ class Health(NamedTuple):
     values: dict[str, str]
 
 
+@dataclass(eq=False)
 class Diagnostics:
-    """Publishes what ``report`` returns, on the timer's thread, until the node is closed."""
+    """Publishes what ``report`` returns, on the timer's thread, until the node is closed.
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        report: Callable[[], Iterable[Health]],
-        timer: TimerThread,
-        now_ns: Callable[[], int],
-    ) -> None:
-        """``now_ns`` returns the node's time, for stamps."""
-        array = types.message("diagnostic_msgs/msg/DiagnosticArray")
+    ``now_ns`` returns the node's time, for stamps.
+    """
+
+    node: Node
+    types: TypeLibrary
+    report: Callable[[], Iterable[Health]]
+    timer: TimerThread
+    now_ns: Callable[[], int]
+
+    def __post_init__(self) -> None:
+        array = self.types.message("diagnostic_msgs/msg/DiagnosticArray")
         self._array = array.message
-        self._status = types.message("diagnostic_msgs/msg/DiagnosticStatus").message
-        self._value = types.message("diagnostic_msgs/msg/KeyValue").message
-        self._publisher = node.publisher("/diagnostics", array, Qos(depth=1))
-        self._prefix = node.name.lstrip("/")
-        self._report = report
-        self._timer = timer
-        self._now_ns = now_ns
+        self._status = self.types.message("diagnostic_msgs/msg/DiagnosticStatus").message
+        self._value = self.types.message("diagnostic_msgs/msg/KeyValue").message
+        self._publisher = self.node.publisher("/diagnostics", array, Qos(depth=1))
         self._later()
 
     def _later(self) -> None:
-        self._timer.call_later(_PERIOD_S, self._publish)
+        self.timer.call_later(_PERIOD_S, self._publish)
 
     def _publish(self) -> None:
         if self._publisher.closed:
             return
         self._later()  # first: a report that fails is logged, and the next is published
+        prefix = self.node.name.lstrip("/")
         statuses = tuple(
             self._status(
                 level=int(each.level),
-                name=f"{self._prefix}: {each.name}",
+                name=f"{prefix}: {each.name}",
                 message=each.message,
                 values=tuple(self._value(*pair) for pair in each.values.items()),
             )
-            for each in self._report()
+            for each in self.report()
         )
         with suppress(TransportClosedError):
-            self._publisher.publish(self._array(Header(stamp=from_ns(self._now_ns())), statuses))
+            self._publisher.publish(self._array(Header(stamp=from_ns(self.now_ns())), statuses))
 
 
 _OF_CONDITION = {
