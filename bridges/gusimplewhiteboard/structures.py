@@ -15,7 +15,7 @@ import struct
 from collections.abc import Sequence
 from enum import Enum
 from operator import attrgetter
-from typing import Any, NamedTuple, Protocol, TypeGuard
+from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 from llfsm.bridges.gusimplewhiteboard.errors import LayoutError, MisfitError
 from llfsm.bridges.gusimplewhiteboard.file import MESSAGE_SIZE
@@ -33,18 +33,6 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "number": (ctypes.c_float, ctypes.c_double),
 }  # fmt: skip
 _SCALARS = tuple(kind for kinds in _KINDS.values() for kind in kinds)
-
-
-class MessageLayout(Protocol):
-    """Encodes messages into bytes, and decodes bytes into a message's fields."""
-
-    size: int
-
-    def encode(self, message: Message) -> bytes:
-        """Encode a message; raise :class:`.MisfitError` if a value does not fit."""
-
-    def decode(self, data: bytes) -> dict[str, object]:
-        """Decode the fields, nested messages as dicts; raise :class:`.MisfitError`."""
 
 
 def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) -> MessageLayout:
@@ -89,11 +77,11 @@ class StructureLayout:
         self._schema = schema
 
     def encode(self, message: Message) -> bytes:
-        """Encode a message."""
+        """Encode a message; raise :class:`.MisfitError` if a value does not fit."""
         return bytes(_fill(self._kind, message, ""))
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Decode the fields."""
+        """Decode the fields, nested messages as dicts; raise :class:`.MisfitError`."""
         plain = _plain(self._kind.from_buffer_copy(data), self._schema, "")
         assert isinstance(plain, dict)
         return plain
@@ -240,7 +228,7 @@ class StructLayout:
         ]
 
     def encode(self, message: Message) -> bytes:
-        """Encode a message."""
+        """Encode a message; raise :class:`.MisfitError` if a value does not fit."""
         laid: list[object] = []
         for path, width, _ in self._values:
             value = raw(attrgetter(path)(message))
@@ -254,7 +242,7 @@ class StructLayout:
             raise MisfitError(f"{self._struct.format}: {error}") from error
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Decode the fields."""
+        """Decode the fields, nested messages as dicts; raise :class:`.MisfitError`."""
         plain: dict[str, Any] = {}
         for (path, _, is_text), value in zip(self._values, self._struct.unpack(data), strict=True):
             *outer, name = path.split(".")
@@ -263,6 +251,9 @@ class StructLayout:
                 inner = inner.setdefault(each, {})
             inner[name] = text_of(value, path) if is_text else value
         return plain
+
+
+MessageLayout: TypeAlias = StructLayout | StructureLayout
 
 
 class _Value(NamedTuple):

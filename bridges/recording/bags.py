@@ -232,13 +232,9 @@ def _unchunked(source: McapFile) -> Iterator[_Item]:
                     case McapMessage():
                         if record.channel_id not in channels:
                             raise ValueError("a message without a channel")
-                        yield MessageRecord(
-                            record.log_time,
-                            record.publish_time,
-                            record.sequence,
-                            record.channel_id,
-                            record.data,
-                        )
+                        times = record.log_time, record.publish_time
+                        place = record.sequence, record.channel_id
+                        yield MessageRecord(*times, *place, record.data)
     except Exception:  # whatever the library raises for a file that is cut short or damaged
         source.complete = False
 

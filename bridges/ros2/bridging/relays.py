@@ -26,12 +26,13 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Generic, NamedTuple
 
 from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import RelayPlan
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import CdrError, KeyPathError, TransportClosedError
 from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter
 from llfsm.bridges.ros2.threads import TimerThread
@@ -57,10 +58,7 @@ class EchoFilter(Generic[M]):
     """
 
     def __init__(
-        self,
-        publisher: Publisher[M],
-        of: RosMessage[M],
-        now: Callable[[], float] = time.monotonic,
+        self, publisher: Publisher[M], of: RosMessage[M], now: Callable[[], float] = time.monotonic
     ) -> None:
         self._gid = publisher.gid
         self._encode = of.encode
@@ -111,33 +109,25 @@ _LOOK_S = 0.05  # between two looks, of which the second must find the same
 _MEET_S = 1.0  # for the robot's nodes to find the bridge's: the message must not be too early
 
 
+@dataclass(eq=False)
 class LossWatch(Generic[M]):
     """Posts a message in place of the latest one of a process that has died, from now on.
 
-    It does so also if that was before; not if the latest message is this one already. A machine's
-    own last will is executed at once, and so before.
+    It does so also if that was before; not if the latest message is this one already, whose bytes
+    are ``data``. A machine's own last will is executed at once, and so before.
     """
 
-    def __init__(
-        self,
-        slot: BoundSlot[M],
-        message: M,
-        data: bytes,
-        link: BridgeLink,
-        faults: LinkFaults,
-        timer: TimerThread,
-    ) -> None:
-        """``data`` is the message as the slot encodes it."""
-        self._slot = slot
-        self._message = message
-        self._data = data
-        self._link = link
-        self._faults = faults
-        self._timer = timer
+    slot: BoundSlot[M]
+    message: M
+    data: bytes
+    link: BridgeLink
+    timer: TimerThread
+
+    def __post_init__(self) -> None:
         self._lost = 0  # the count of a message whose process was dead at the last look
         self._is_over = False
-        slot.reserve()  # so that it can be posted on a board that is full by then
-        timer.call_later(_MEET_S, self._look)
+        self.slot.reserve()  # so that it can be posted on a board that is full by then
+        self.timer.call_later(_MEET_S, self._look)
 
     def finish(self) -> None:
         """Stop watching."""
@@ -150,24 +140,24 @@ class LossWatch(Generic[M]):
         if self._is_over:
             return
         try:
-            encoded = self._slot.encoded()
+            encoded = self.slot.encoded()
             if encoded is not None:
-                self._judge(encoded[0] == self._data, Sample[Any](*encoded))
+                self._judge(encoded[0] == self.data, Sample[Any](*encoded))
         except BoardClosedError:
             return
         except WhiteboardError as error:
-            self._faults.count(self._link, error)
-        self._timer.call_later(_LOOK_S, self._look)
+            self.link.count_fault(error)
+        self.timer.call_later(_LOOK_S, self._look)
 
     def _judge(self, is_posted: bool, latest: Sample[Any]) -> None:
         if is_posted or writer_lives(latest):
             self._lost = 0
         elif self._lost != latest.count:
             self._lost = latest.count
-        elif self._slot.add_after(self._message, latest.count):
+        elif self.slot.add_after(self.message, latest.count):
             _LOG.warning(
                 "%s: process %d, which commanded it, has died; posted at_loss",
-                self._link.slot,
+                self.link.slot,
                 latest.writer,
             )
 
@@ -186,10 +176,6 @@ class RelaySettings:
     def set_rate(self, rate: float) -> None:
         """Let at most ``rate`` messages pass a second; 0: all."""
         self.period = 1 / rate if rate else 0.0
-
-    def set_enabled(self, enabled: bool) -> None:
-        """Let messages pass, or drop them."""
-        self.enabled = enabled
 
 
 def declare_settings(
@@ -216,7 +202,9 @@ def declare_settings(
                     changed=settings.set_rate,
                 ),
                 f"relays.{name}.enabled": Parameter(
-                    True, f"Whether messages pass {between}", changed=settings.set_enabled
+                    True,
+                    f"Whether messages pass {between}",
+                    changed=partial(setattr, settings, "enabled"),
                 ),
             }
         )
@@ -247,23 +235,25 @@ class _Taken(NamedTuple, Generic[M]):
     arrival: SerializedMessage[M] | None
 
 
-class _Undecoded:
+class _Undecoded(NamedTuple):
     """A slot as its subscription follows it: by the messages' numbers alone."""
 
-    def __init__(self, slot: BoundSlot[Any]) -> None:
-        self._slot = slot
+    slot: BoundSlot[Any]
 
     @property
-    def count(self) -> int:
-        return self._slot.count
+    def count(self) -> int:  # type: ignore[override]  # hides tuple.count
+        return self.slot.count
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[Any] | None:
-        count = self._slot.wait_count(after=after, timeout=timeout)
+        count = self.slot.wait_count(after=after, timeout=timeout)
         return None if count is None else _undecoded(count)
 
 
 def _undecoded(count: int) -> Sample[Any]:
     return Sample[Any](None, count, 0, 0)
+
+
+HISTORY_S = 1.0  # that a latched topic has to deliver what it has kept
 
 
 class ToRos(Generic[M]):
@@ -279,26 +269,23 @@ class ToRos(Generic[M]):
         slot: BoundSlot[M],
         publisher: Publisher[M],
         link: BridgeLink,
-        faults: LinkFaults,
         *,
         settings: RelaySettings | None = None,
         latched: bool = False,
-        history: float = 1.0,
         echo: EchoFilter[M] | None = None,
         arrival: LatestArrival[M] | None = None,
     ) -> None:
         """Begin to publish, as ``settings`` allow.
 
-        ``latched`` and with an ``echo``, it begins after ``history`` seconds. What is the latest
+        ``latched`` and with an ``echo``, it begins after a second. What is the latest
         ``arrival`` is published as it came.
         """
         self.slot = slot
         self._publisher = publisher
         self._link = link
-        self._faults = faults
         self._echo = echo
         self._settings = settings or RelaySettings()
-        self._begin = time.monotonic() + (history if latched and echo else 0.0)
+        self._begin = time.monotonic() + (HISTORY_S if latched and echo else 0.0)
         self._over = threading.Event()
         self._arrival = arrival
         self._seen = 0 if latched else slot.count
@@ -372,43 +359,33 @@ class ToRos(Generic[M]):
 
     def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
         return True
 
 
+@dataclass(eq=False)
 class FromRos(Generic[M]):
     """Adds received messages to a slot: :meth:`arrived` is a subscription's callback.
 
     Where ``settings`` have a period, the newest message within a period is added at its end; the
-    others are never decoded.
+    others are never decoded. ``latest`` is given each arrival that was added.
     """
 
-    def __init__(
-        self,
-        slot: BoundSlot[M],
-        link: BridgeLink,
-        faults: LinkFaults,
-        timer: TimerThread,
-        *,
-        settings: RelaySettings | None = None,
-        echo: EchoFilter[M] | None = None,
-        latest: LatestArrival[M] | None = None,
-    ) -> None:
-        """``latest`` is given each arrival that was added."""
-        self._slot = slot
-        self._link = link
-        self._faults = faults
-        self._timer = timer
-        self._settings = settings or RelaySettings()
-        self._echo = echo
-        self._latest = latest
+    slot: BoundSlot[M]
+    link: BridgeLink
+    timer: TimerThread
+    settings: RelaySettings = field(default_factory=RelaySettings)
+    echo: EchoFilter[M] | None = None
+    latest: LatestArrival[M] | None = None
+
+    def __post_init__(self) -> None:
         self._held: _Taken[M] | None = None
         self._due = 0.0
         self._lock = threading.Lock()
 
     def arrived(self, arrival: SerializedMessage[M]) -> None:
         """Add a message, now or at the end of the period; raise :class:`.CdrError`."""
-        if self._echo is not None and self._echo.is_ours(arrival):
+        if self.echo is not None and self.echo.is_ours(arrival):
             return
         self._take(_Taken(arrival.decode, arrival))
 
@@ -417,70 +394,62 @@ class FromRos(Generic[M]):
         self._take(_Taken(lambda: message, None))
 
     def _take(self, taken: _Taken[M]) -> None:
-        if not self._settings.enabled:
+        if not self.settings.enabled:
             return
-        if not self._settings.period or self._begins_period(taken):
+        if not self.settings.period or self._begins_period(taken):
             self._add(taken)
 
     def _begins_period(self, taken: _Taken[M]) -> bool:
         with self._lock:
             now = time.monotonic()
             if self._held is None and now >= self._due:
-                self._due = now + self._settings.period
+                self._due = now + self.settings.period
                 return True
             if self._held is None:
-                self._timer.call_later(self._due - now, self._add_held)
+                self.timer.call_later(self._due - now, self._add_held)
             self._held = taken
             return False
 
     def _add_held(self) -> None:
         with self._lock:
             taken, self._held = self._held, None
-            self._due = time.monotonic() + self._settings.period
+            self._due = time.monotonic() + self.settings.period
         if taken is not None:
             self._add(taken)
 
     def _add(self, taken: _Taken[M]) -> None:
         try:
             message = taken.decode()
-            if self._echo is None:
-                count = self._slot.add(message)
+            if self.echo is None:
+                count = self.slot.add(message)
             else:
-                count = self._echo.add(self._slot, message)
-            if self._latest is not None and taken.arrival is not None:
-                self._latest.keep(count, taken.arrival)
+                count = self.echo.add(self.slot, message)
+            if self.latest is not None and taken.arrival is not None:
+                self.latest.keep(count, taken.arrival)
         except BoardClosedError:
             return  # the bridge ends
         except Exception as error:  # bad bytes, too large for the slot: the next may be right
-            self._faults.count(self._link, error)
+            self.link.count_fault(error)
             return
-        self._link.count()
+        self.link.count()
 
 
+@dataclass(eq=False)
 class KeyedFromRos:
     """Adds received messages to the slots ``PREFIX/KEY``; :meth:`arrived` is a callback.
 
-    A slash before a key, as before a frame's name, is removed. The settings, such as the rate, are
-    those of each slot.
+    ``slot`` is that of the prefix; the others have its type and capacity. A slash before a key, as
+    before a frame's name, is removed. The settings, such as the rate, are those of each slot.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        slot: Slot[Any],
-        keys: KeyPath,
-        link: BridgeLink,
-        faults: LinkFaults,
-        timer: TimerThread,
-        settings: RelaySettings,
-    ) -> None:
-        """``slot`` is that of the prefix; the others have its type and capacity."""
-        self._board = board
-        self._slot = slot
-        self._keys = keys
-        self._link = link
-        self._faults = faults
-        self._relay = partial(FromRos, link=link, faults=faults, timer=timer, settings=settings)
+    board: Board
+    slot: Slot[Any]
+    keys: KeyPath
+    link: BridgeLink
+    timer: TimerThread
+    settings: RelaySettings
+
+    def __post_init__(self) -> None:
         self._relays: dict[str, FromRos[Any]] = {}
 
     def arrived(self, arrival: SerializedMessage[Any]) -> None:
@@ -488,21 +457,22 @@ class KeyedFromRos:
         try:
             message = arrival.decode()
         except CdrError as error:  # the next may be right
-            self._faults.count(self._link, error)
+            self.link.count_fault(error)
             return
-        for key, part in self._keys.split(message):
+        for key, part in self.keys.split(message):
             try:
                 relay = self._relays.get(key) or self._add_relay(key)
             except BoardClosedError:
                 return  # the bridge ends
             except (KeyPathError, WhiteboardError) as error:  # the next key may be right
-                self._faults.count(self._link, error)
+                self.link.count_fault(error)
             else:
                 relay.take(part)
 
     def _add_relay(self, key: str) -> FromRos[Any]:
         if not key:
             raise KeyPathError("a message has an empty key")
-        slot = Slot(f"{self._slot.name}/{key}", self._slot.type, self._slot.capacity)
-        relay = self._relays[key] = self._relay(self._board[slot])
+        slot = Slot(f"{self.slot.name}/{key}", self.slot.type, self.slot.capacity)
+        relay = FromRos(self.board[slot], self.link, self.timer, self.settings)
+        self._relays[key] = relay
         return relay

@@ -21,12 +21,13 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 from llfsm.bridges.ros2.actions import ActionClient, ActionServer, ServerGoal
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.service_slots import ActionSlots, from_slot, into_slot
 from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
@@ -57,7 +58,6 @@ class ActionPlace(NamedTuple):
     timeout: float
     """Seconds that an answer may take, and a server be away."""
     link: BridgeLink
-    faults: LinkFaults
     timer: TimerThread
     """Whose thread it is."""
 
@@ -69,7 +69,6 @@ class SlotAction:
         self._slots = place.slots
         self._timeout = place.timeout
         self._link = place.link
-        self._faults = place.faults
         self._timer = place.timer
         self._subscriptions: list[Any] = []
 
@@ -81,7 +80,7 @@ class SlotAction:
     def _take_from(self, slot: BoundSlot[Any], take: Callable[..., None], after: int) -> None:
         """Call `take` with each message that comes on the slot."""
         self._subscriptions.append(
-            slot.subscribe(self._on_thread(take), after=after, on_error=self._unreadable)
+            slot.subscribe(self._on_thread(take), after=after, on_error=self._link.count_fault)
         )
 
     def _take_no_more(self) -> None:
@@ -94,7 +93,7 @@ class SlotAction:
                 try:
                     do(*arguments)
                 except CdrError as error:  # a value that ROS cannot have
-                    self._faults.count(self._link, error)
+                    self._link.count_fault(error)
 
         return lambda *arguments: self._timer.call_soon(partial(guarded, *arguments))
 
@@ -104,12 +103,8 @@ class SlotAction:
         except BoardClosedError:
             return False  # the bridge ends
         except WhiteboardError as error:
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             return False
-        return True
-
-    def _unreadable(self, error: Exception) -> bool:
-        self._faults.count(self._link, error)
         return True
 
 
@@ -151,17 +146,17 @@ _LOOK_S = 0.1  # between two looks whether server and machine are still there
 _CANCEL_S = 1.0  # for a cancellation at the bridge's end to be answered
 
 
+@dataclass(eq=False)
 class _Goal:
-    def __init__(self, number: int, will: SenderWill | None = None) -> None:
-        self.number = number
-        self.will = will
-        self.key = uuid4().bytes
-        self.status = GoalStatus.UNKNOWN
-        self.is_to_cancel = False  # asked before the server has answered
-        self.is_over = False
-        self.unserved_s = 0.0
-        self.waited_s = 0.0  # since its result was asked for
-        self.asks = 1
+    number: int
+    will: SenderWill | None = None
+    key: bytes = field(default_factory=lambda: uuid4().bytes)
+    status: GoalStatus = GoalStatus.UNKNOWN
+    is_to_cancel: bool = False  # asked before the server has answered
+    is_over: bool = False
+    unserved_s: float = 0.0
+    waited_s: float = 0.0  # since its result was asked for
+    asks: int = 1
 
 
 class SlotActionClient(SlotAction):
@@ -215,7 +210,7 @@ class SlotActionClient(SlotAction):
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the goals were replaced by newer ones before they were sent"
-            self._faults.report(self._link, text, "lost")
+            self._link.report_fault(text, "lost")
         will = SenderWill(self._board, sample, self._slots.cancel.name)
         goal = self._goal = _Goal(sample.message.number, will)
         try:
@@ -335,7 +330,7 @@ class SlotActionClient(SlotAction):
             return
         if goal.will is not None and goal.will.is_executed:
             goal.will = None
-            self._faults.report(self._link, f"goal {goal.number}: its machine is lost", "lost")
+            self._link.report_fault(f"goal {goal.number}: its machine is lost", "lost")
             self._cancel_wanted(goal)
         goal.waited_s += _LOOK_S
         ready = self._client.ready
@@ -372,11 +367,11 @@ class SlotActionClient(SlotAction):
 _END_S = 1.0  # for the last goal's end
 
 
+@dataclass(eq=False)
 class _Served:
-    def __init__(self, number: int, goal: ServerGoal) -> None:
-        self.number = number
-        self.goal = goal
-        self.is_decided = False
+    number: int
+    goal: ServerGoal
+    is_decided: bool = False
 
 
 class SlotActionServer(SlotAction):
@@ -474,7 +469,7 @@ class SlotActionServer(SlotAction):
 
     def _accept(self, served: _Served) -> None:
         served.is_decided = True
-        served.goal.accept()
+        served.goal.decide(True)
 
     def _take_feedback(self, sample: Sample[Any]) -> None:
         served = self._meant(sample.message.number)
@@ -494,13 +489,13 @@ class SlotActionServer(SlotAction):
         canceling = served.goal.status is GoalStatus.CANCELING
         if not status.final or (status is GoalStatus.CANCELED and not canceling):
             text = f"a goal that is {served.goal.status.name} cannot end as {status.name}: aborted"
-            self._faults.report(self._link, text, "status")
+            self._link.report_fault(text, "status")
             status = GoalStatus.ABORTED
         result = from_slot(self._slots.of.result, sample.message)
         try:
             self._slots.of.result.encode(result)
         except CdrError as error:
-            self._faults.count(self._link, error)
+            self._link.count_fault(error)
             status, result = GoalStatus.ABORTED, self._slots.of.result.message()
         self._served = None
         served.goal.end(status, result)
@@ -519,8 +514,8 @@ class SlotActionServer(SlotAction):
             return
         self._link.failed += 1
         if why:
-            self._faults.report(self._link, f"a goal was not carried out: {why}", "undone")
+            self._link.report_fault(f"a goal was not carried out: {why}", "undone")
         if served.is_decided:
             served.goal.end(GoalStatus.ABORTED, self._slots.of.result.message())
         else:
-            served.goal.refuse()
+            served.goal.decide(False)

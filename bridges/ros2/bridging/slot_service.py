@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.service_slots import ServiceSlots, from_slot, into_slot
 from llfsm.bridges.ros2.errors import CdrError, Ros2Error
 from llfsm.bridges.ros2.transport import Client, ServiceRequest
@@ -21,6 +22,7 @@ from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
 from llfsm.whiteboard.subscription import POLL_S, Cursor
 
 
+@dataclass(eq=False)
 class SlotClient:
     """Calls a service for the requests in a slot, one call at a time.
 
@@ -28,27 +30,22 @@ class SlotClient:
     with a failure, so that nothing is done twice.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        slots: ServiceSlots,
-        client: Client[Any, Any],
-        timeout: float,
-        link: BridgeLink,
-        faults: LinkFaults,
-    ) -> None:
-        self._slots = slots
-        self._client = client
-        self._timeout = timeout
-        self._link = link
-        self._faults = faults
-        requests: BoundSlot[Any] = board[slots.request]
-        self._answers: BoundSlot[Any] = board[slots.answer]
+    board: Board
+    slots: ServiceSlots
+    client: Client[Any, Any]
+    timeout: float
+    link: BridgeLink
+
+    def __post_init__(self) -> None:
+        requests: BoundSlot[Any] = self.board[self.slots.request]
+        self._answers: BoundSlot[Any] = self.board[self.slots.answer]
         self._seen = requests.count
         old = unanswered(requests, self._answers)
         if old is not None:
             self._fail(old, "it was requested before the bridge started")
-        self._subscription = requests.subscribe(self._call, after=self._seen, on_error=self._failed)
+        self._subscription = requests.subscribe(
+            self._call, after=self._seen, on_error=self.link.count_fault
+        )
 
     def finish(self) -> None:
         """Stop after the request that is on the slot by now."""
@@ -56,31 +53,27 @@ class SlotClient:
 
     def close(self) -> None:
         """Wait for that; an open call ends with its client."""
-        self._client.close()
+        self.client.close()
         self._subscription.close()
 
     def _call(self, sample: Sample[Any]) -> None:
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the requests were replaced by newer ones before they were sent"
-            self._faults.report(self._link, text, "lost")
+            self.link.report_fault(text, "lost")
         number = sample.message.number
         try:
-            request = from_slot(self._slots.of.request, sample.message)
-            call = self._client.call(request, timeout=self._timeout)
-            self._answers.add(into_slot(self._slots.answer, number, call.result()))
+            request = from_slot(self.slots.of.request, sample.message)
+            call = self.client.call(request, timeout=self.timeout)
+            self._answers.add(into_slot(self.slots.answer, number, call.result()))
         except (Ros2Error, WhiteboardError) as error:
             self._fail(number, str(error))
         else:
-            self._link.count()
+            self.link.count()
 
     def _fail(self, number: int, why: str) -> None:
-        self._link.failed += 1
-        self._answers.add(self._slots.failed(number, why))
-
-    def _failed(self, error: Exception) -> bool:
-        self._faults.count(self._link, error)
-        return True
+        self.link.failed += 1
+        self._answers.add(self.slots.failed(number, why))
 
 
 def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:
@@ -107,19 +100,11 @@ class SlotServer:
     request's number; with a ``failure`` the call fails.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        slots: ServiceSlots,
-        timeout: float,
-        link: BridgeLink,
-        faults: LinkFaults,
-    ) -> None:
+    def __init__(self, board: Board, slots: ServiceSlots, timeout: float, link: BridgeLink) -> None:
         """``timeout`` is how many seconds a request may wait for its answer from its arrival."""
         self._slots = slots
         self._timeout = timeout
         self._link = link
-        self._faults = faults
         self._over = threading.Event()
         self._requests: BoundSlot[Any] = board[slots.request]
         self._answers: BoundSlot[Any] = board[slots.answer]
@@ -156,7 +141,7 @@ class SlotServer:
                     request.answer(from_slot(self._slots.of.response, answer))
                     self._link.count()
             except (CdrError, WhiteboardError) as error:
-                self._faults.count(self._link, error)
+                self._link.count_fault(error)
                 request.fail(str(error))
 
     def _ask(self, request: ServiceRequest[Any, Any], until: float) -> Any:
@@ -171,7 +156,7 @@ class SlotServer:
             try:
                 sample = answers.next(min(left, POLL_S))
             except MessageUnreadableError as error:
-                self._faults.count(self._link, error)
+                self._link.count_fault(error)
                 continue
             if sample is not None and sample.message.number == self._number:
                 return sample.message.failure or sample.message

@@ -6,13 +6,14 @@ on the board gets the reason.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.transport import ServiceRequest
 from llfsm.bridges.ros2.types import RosService
-from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot
+from llfsm.whiteboard import Board, BoundSlot, Sample, Slot
 from llfsm.whiteboard.messages.turtle_sensor_poster import (
     ANSWER,
     REQUEST,
@@ -26,47 +27,40 @@ SERVICE = "turtle_position"
 TYPE = "turtle_sensor_poster/srv/TurtlePosition"
 
 
+@dataclass(eq=False)
 class PositionServer:
     """Answers from the latest pose in a slot; :meth:`asked` is the handler of the ROS service.
 
     A pose from before the bridge started does not count: its writer may have ended long ago.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        pose: Slot[Pose],
-        of: RosService,
-        in_ros: BridgeLink,
-        in_slots: BridgeLink,
-        faults: LinkFaults,
-    ) -> None:
-        self._pose = board[pose]
-        self._pose_slot = pose.name
+    board: Board
+    slot: Slot[Pose]
+    of: RosService
+    in_ros: BridgeLink
+    in_slots: BridgeLink
+
+    def __post_init__(self) -> None:
+        self._pose = self.board[self.slot]
         self._before = self._pose.count
-        self._response = of.response.message
-        self._in_ros = in_ros
-        self._in_slots = in_slots
-        self._faults = faults
-        self._answers: BoundSlot[TurtlePositionAnswer] = board[ANSWER]
-        requests: BoundSlot[TurtlePositionRequest] = board[REQUEST]
+        self._answers: BoundSlot[TurtlePositionAnswer] = self.board[ANSWER]
+        requests: BoundSlot[TurtlePositionRequest] = self.board[REQUEST]
         after = requests.count
         if unanswered(requests, self._answers) is not None:
             after -= 1  # requested before the bridge started, and to be answered now
         self._subscription = requests.subscribe(
-            self._asked_in_slot, after=after, on_error=self._failed
+            self._asked_in_slot, after=after, on_error=self.in_slots.count_fault
         )
 
     def asked(self, request: ServiceRequest[Any, Any]) -> None:
         """Answer a request from ROS, or fail it."""
         pose = self._latest()
         if isinstance(pose, str):
-            self._in_ros.failed += 1
+            self.in_ros.failed += 1
             request.fail(pose)
         else:
-            response: Message = self._response(pose.x, pose.y, pose.theta)
-            request.answer(response)
-            self._in_ros.count()
+            request.answer(self.of.response.message(pose.x, pose.y, pose.theta))
+            self.in_ros.count()
 
     def finish(self) -> None:
         """Stop after the request that is on the slot by now."""
@@ -79,19 +73,15 @@ class PositionServer:
     def _latest(self) -> Pose | str:
         sample = self._pose.sample()
         if sample is None or sample.count <= self._before:
-            return f"no pose in slot {self._pose_slot} since the bridge started"
+            return f"no pose in slot {self.slot.name} since the bridge started"
         return sample.message
 
     def _asked_in_slot(self, sample: Sample[TurtlePositionRequest]) -> None:
         number = sample.message.number
         pose = self._latest()
         if isinstance(pose, str):
-            self._in_slots.failed += 1
+            self.in_slots.failed += 1
             self._answers.add(TurtlePositionAnswer(number, failure=pose))
         else:
             self._answers.add(TurtlePositionAnswer(number, pose.x, pose.y, pose.theta))
-            self._in_slots.count()
-
-    def _failed(self, error: Exception) -> bool:
-        self._faults.count(self._in_slots, error)
-        return True
+            self.in_slots.count()

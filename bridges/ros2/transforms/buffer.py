@@ -15,8 +15,9 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable, Iterator
+from operator import attrgetter
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from llfsm.bridges.ros2.errors import (
     ConnectivityError,
@@ -104,17 +105,24 @@ class Transformation(NamedTuple):
     turn: Quaternion
 
 
+class _Latest(NamedTuple):
+    stamp_ns: int
+    """The time of a frame's newest transform; 0: any time."""
+    parent: str
+
+
+L = TypeVar("L", Transformation, _Latest)
+
+
 class StaticFrame:
     """A frame that never moves in its parent."""
 
-    def __init__(self) -> None:
-        self._only: Transformation | None = None
+    _only: Transformation  # none is made without a transform
 
     @property
-    def latest(self) -> tuple[int, str]:
-        """The time of the newest transform, 0: any time; and its parent."""
-        assert self._only is not None  # none is made without a transform
-        return 0, self._only.parent
+    def latest(self) -> _Latest:
+        """The time of the newest transform, and its parent."""
+        return _Latest(0, self._only.parent)
 
     def add(self, transform: Transformation) -> bool:
         """Replace the transform."""
@@ -123,7 +131,6 @@ class StaticFrame:
 
     def at(self, stamp_ns: int) -> Transformation:
         """Return the transform for any time."""
-        assert self._only is not None
         return self._only._replace(stamp_ns=stamp_ns)
 
 
@@ -136,9 +143,9 @@ class FrameHistory:
         self._known: list[Transformation] = []
 
     @property
-    def latest(self) -> tuple[int, str]:
+    def latest(self) -> _Latest:
         """The time of the newest transform, and its parent."""
-        return self._stamps[-1], self._known[-1].parent
+        return _Latest(self._stamps[-1], self._known[-1].parent)
 
     def add(self, transform: Transformation) -> bool:
         """Add a transform; return False for one that is too old to be kept."""
@@ -170,15 +177,12 @@ class FrameHistory:
                 f"Lookup would require extrapolation at time {_text(stamp_ns)}, "
                 f"but only time {_text(stamps[0])} is in the buffer"
             )
-        if stamp_ns > stamps[-1]:
+        if not stamps[0] < stamp_ns < stamps[-1]:
+            late = stamp_ns > stamps[-1]
+            where, known_at = ("future", "latest") if late else ("past", "earliest")
             raise ExtrapolationError(
-                "Lookup would require extrapolation into the future.  Requested time "
-                f"{_text(stamp_ns)} but the latest data is at time {_text(stamps[-1])}"
-            )
-        if stamp_ns < stamps[0]:
-            raise ExtrapolationError(
-                "Lookup would require extrapolation into the past.  Requested time "
-                f"{_text(stamp_ns)} but the earliest data is at time {_text(stamps[0])}"
+                f"Lookup would require extrapolation into the {where}.  Requested time "
+                f"{_text(stamp_ns)} but the {known_at} data is at time {_text(stamps[-late])}"
             )
         place = bisect_right(stamps, stamp_ns)
         before, after = known[place - 1], known[place]
@@ -254,7 +258,7 @@ class TransformBuffer:
         at_ns = to_ns(at)
         if target == source:
             if not at_ns and target in self._frames:
-                at_ns = self._frames[target].latest[0]
+                at_ns = self._frames[target].latest.stamp_ns
             return _stamped(at_ns, target, source, NO_OFFSET, IDENTITY)
         self._check("target_frame", target)
         self._check("source_frame", source)
@@ -284,7 +288,7 @@ class TransformBuffer:
         up = _Way(source)
         unknown: ExtrapolationError | None = None
         try:
-            for link in self._upwards(source, at_ns):
+            for link in self._upwards(source, lambda frame: frame.at(at_ns)):
                 up.add(link)
                 if up.top == target:
                     return up.offset, up.turn
@@ -292,7 +296,7 @@ class TransformBuffer:
             unknown = error
         down = _Way(target)
         try:
-            for link in self._upwards(target, at_ns):
+            for link in self._upwards(target, lambda frame: frame.at(at_ns)):
                 down.add(link)
                 if down.top in (source, up.top):
                     break
@@ -309,42 +313,33 @@ class TransformBuffer:
             raise _unconnected(target, source)
         return total(rotated(back, up.offset), offset), product(back, up.turn)
 
-    def _upwards(self, frame: str, at_ns: int) -> Iterator[Transformation]:
-        """Yield the transforms from a frame to its root; raise :class:`.ExtrapolationError`."""
+    def _upwards(self, frame: str, find: Callable[[FrameHistory | StaticFrame], L]) -> Iterator[L]:
+        """Yield what is found of each frame from one to its root; raise as ``find`` does."""
         for _ in range(_DEEPEST + 1):
             known = self._frames.get(frame)
             if known is None:
                 return
-            link = known.at(at_ns)
+            link = find(known)
             yield link
             frame = link.parent
-        raise _loop()
+        raise FrameLookupError("The tf tree is invalid because it contains a loop.")
 
     def _latest_common_ns(self, target: str, source: str) -> int:
         """Find the latest time at which all frames between two are known; 0 if none moves."""
-        above: list[tuple[int, str]] = []
-        for latest in self._latest_upwards(source):
+        above: list[_Latest] = []
+        for latest in self._upwards(source, attrgetter("latest")):
             above.append(latest)
-            if latest[1] == target:
+            if latest.parent == target:
                 return _earliest(above)
-        parents = [parent for _, parent in above]
-        below: list[tuple[int, str]] = []
-        for latest in self._latest_upwards(target):
+        parents = [each.parent for each in above]
+        below: list[_Latest] = []
+        for latest in self._upwards(target, attrgetter("latest")):
             below.append(latest)
-            if latest[1] in parents:
-                return _earliest(below + above[: parents.index(latest[1]) + 1])
-            if latest[1] == source:
+            if latest.parent in parents:
+                return _earliest(below + above[: parents.index(latest.parent) + 1])
+            if latest.parent == source:
                 return _earliest(below)
         raise _unconnected(target, source)
-
-    def _latest_upwards(self, frame: str) -> Iterator[tuple[int, str]]:
-        for _ in range(_DEEPEST + 1):
-            known = self._frames.get(frame)
-            if known is None:
-                return
-            yield known.latest
-            frame = known.latest[1]
-        raise _loop()
 
 
 class _Way:
@@ -376,8 +371,8 @@ def _problem(child: str, new: Transformation) -> str | None:
     return None
 
 
-def _earliest(latest: list[tuple[int, str]]) -> int:
-    return min((stamp for stamp, _ in latest if stamp), default=0)
+def _earliest(latest: list[_Latest]) -> int:
+    return min((each.stamp_ns for each in latest if each.stamp_ns), default=0)
 
 
 def _stamped(
@@ -397,10 +392,6 @@ def _unconnected(target: str, source: str) -> ConnectivityError:
     )
 
 
-def _loop() -> FrameLookupError:
-    return FrameLookupError("The tf tree is invalid because it contains a loop.")
-
-
 class TransformListener:
     """Pulls the slots ``tf/FRAME`` and ``tf_static/FRAME`` of a board into a buffer.
 
@@ -408,18 +399,10 @@ class TransformListener:
     pull as often as you want to interpolate.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        buffer: TransformBuffer,
-        *,
-        moving: str = "tf",
-        static: str = "tf_static",
-    ) -> None:
+    def __init__(self, board: Board, buffer: TransformBuffer) -> None:
         self._board = board
         self._buffer = buffer
         self._changed = board.watcher()
-        self._prefixes = {f"{moving}/": False, f"{static}/": True}
 
     def pull(self) -> None:
         """Add the new transforms in the slots to the buffer.
@@ -428,8 +411,7 @@ class TransformListener:
         :class:`.BoardClosedError`.
         """
         for name in self._changed(0.0):
-            for prefix, static in self._prefixes.items():
-                if name.startswith(prefix):
-                    message = self._board[Slot(name, TransformStamped)].get()
-                    if message is not None:
-                        self._buffer.add(message, static=static)
+            if name.startswith(("tf/", "tf_static/")):
+                message = self._board[Slot(name, TransformStamped)].get()
+                if message is not None:
+                    self._buffer.add(message, static=name.startswith("tf_static/"))

@@ -11,6 +11,7 @@ run time (see :mod:`.layout`) there are eight structs, chosen by its remainder m
   same wherever they start: then a whole row is unpacked at once.
 * Encoding makes a row of chunks, each an expression, that are joined at the end. It is
   little-endian; data in the other order are decoded by a second function.
+* Compiled code sees the names of :mod:`.primitives`, and its own: constants, as ``g12``.
 * There are no error messages here. What could be written without an error and be wrong is checked
   (sizes, bounds, bools, that rows are tuples or bytes), and :mod:`.diagnosis` walks through what
   failed again.
@@ -19,7 +20,7 @@ run time (see :mod:`.layout`) there are eight structs, chosen by its remainder m
 from __future__ import annotations
 
 from collections.abc import Callable
-from struct import Struct, error, pack, unpack_from
+from struct import Struct, error
 from typing import Any
 
 from llfsm.bridges.ros2.types import primitives
@@ -78,24 +79,12 @@ def compile_encoder(
 
     ``explain`` makes the error to raise of a message and the exception of its encoding.
     """
+    values = KeyError, TypeError, AttributeError, OverflowError, UnicodeError
     names: dict[str, Any] = {
-        "pack": pack,
-        "explain": explain,
-        "Failed": (
-            error,
-            KeyError,
-            TypeError,
-            AttributeError,
-            OverflowError,
-            UnicodeError,
-            primitives.UnwritableError,
-        ),
-        "UnwritableError": primitives.UnwritableError,
-        "exact": primitives.exact,
+        **vars(primitives),
         **{f"write_{row.name}": row.write for row in PRIMITIVES.values() if row.write},
-        "write_texts": primitives.write_texts,
-        "write_wide_texts": primitives.write_wide_texts,
-        "widen": primitives.widen,
+        "explain": explain,
+        "Failed": (error, *values, primitives.UnwritableError),
     }
     code = _EncodingFunction(names, {}, [], At(8, 0))
     code.add(Item("I", HEADER, 1), "256")  # the bytes 0, 1, 0, 0
@@ -325,16 +314,12 @@ def compile_decoder(
     data that is no message.
     """
     names: dict[str, Any] = {
-        "unpack_from": unpack_from,
+        **vars(primitives),
+        **{f"read_{row.name}": row.read for row in PRIMITIVES.values() if row.read},
         "length": Struct(f"{order}I").unpack_from,
         "otherwise": otherwise,
         "explain": explain,
         "Failed": (error, IndexError, UnicodeError, primitives.UnreadableError),
-        "UnreadableError": primitives.UnreadableError,
-        **{f"read_{row.name}": row.read for row in PRIMITIVES.values() if row.read},
-        "read_texts": primitives.read_texts,
-        "read_wide_texts": primitives.read_wide_texts,
-        "narrow": primitives.narrow,
     }
     functions: dict[RecordType, str] = {}
     code = _DecodingFunction(names, functions, order, "", 0, At(8, 0))

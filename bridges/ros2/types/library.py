@@ -126,10 +126,7 @@ class TypeLibrary:
     """
 
     def __init__(
-        self,
-        *,
-        share: Iterable[Path] = (),
-        texts: Mapping[str, str] = MappingProxyType({}),
+        self, *, share: Iterable[Path] = (), texts: Mapping[str, str] = MappingProxyType({})
     ) -> None:
         self._places = SearchPath(share, texts)
         self._classes: dict[str, type[Message]] = {}

@@ -15,20 +15,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 from llfsm.bridges.ros2.errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
-from llfsm.bridges.ros2.types.definition import (
-    EMPTY_MEMBER,
-    TYPE_NAME,
-    Constant,
-    Definition,
-    Field,
-    FieldType,
-    Shape,
-    definition_text,
-    parse,
-)
+from llfsm.bridges.ros2.types.definition import TYPE_NAME, Definition, parse, unbundled
 
 _SHIPPED = Path(__file__).parents[1] / "definitions"
 
@@ -67,16 +57,13 @@ class SearchPath:
         """Find the text that defines a type, and its encoding, as in ROS's type sources.
 
         A part of a service or action is ``implicit``, without a text of its own. What only rosbags
-        knows is written out from its fields. Raise as :meth:`find`.
+        knows is written out by it. Raise as :meth:`find`.
         """
-        definition = self.find(name)
+        self.find(name)
         package, kind, base = name.split("/")
         if "_" in base:
             return "implicit", ""
-        if name in self._texts:
-            return kind, self._texts[name]
-        path = self._path(package, kind, base)
-        return kind, _text(path) if path is not None else definition_text(definition)
+        return kind, self._text(name, self._path(package, kind, base)) or ""
 
     def names(self) -> list[str]:
         """List the names of all types that can be found."""
@@ -90,16 +77,17 @@ class SearchPath:
             )
         package, kind, base, _ = match.groups()
         path = self._path(package, kind, base)
-        if name in self._texts:
-            made = parse(self._texts[name], name, name)
-        elif path is not None:
-            made = parse(_text(path), f"{package}/{kind}/{base}", str(path))
-        else:
-            known = jazzy_definition(name)
-            made = {} if known is None else {name: known}
+        text = self._text(name, path)
+        where = name if path is None or name in self._texts else str(path)
+        made = {} if text is None else parse(text, f"{package}/{kind}/{base}", where)
         if name not in made:
             raise UnknownTypeError(f"{name}: {self._reason(path)}{self._near(name)}")
         self._found.update(made)
+
+    def _text(self, name: str, path: Path | None) -> str | None:
+        if name in self._texts:
+            return self._texts[name]
+        return jazzy_text(name) if path is None else _text(path)
 
     def _path(self, package: str, kind: str, base: str) -> Path | None:
         file = f"{base}.{kind}"
@@ -144,43 +132,24 @@ def _text(path: Path) -> str:
         raise DefinitionSyntaxError(f"{path}: cannot be read: {error}") from error
 
 
-_SHAPES = {3: Shape.ARRAY, 4: Shape.SEQUENCE}  # as rosbags numbers them
-
-
-def jazzy_definition(name: str) -> Definition | None:
-    """Find a message of rosbags; None if it does not have it or is not installed."""
-    entry = _rosbags().get(name)
-    if entry is None:
+def jazzy_text(name: str) -> str | None:
+    """Write the .msg of a message of rosbags; None if it does not have it or is not installed."""
+    if name not in jazzy_names():
         return None
-    constants, fields = entry
-    return Definition(
-        name,
-        tuple(Field(n, _rosbags_type(kind)) for n, kind in fields if n != EMPTY_MEMBER),
-        tuple(Constant(n, value, kind) for n, kind, value in constants),
-    )
+    text, _ = _rosbags().generate_msgdef(name, ros_version=2)
+    return unbundled(name, text)[name]
 
 
 def jazzy_names() -> list[str]:
     """List the messages of rosbags; none if it is not installed."""
-    return list(_rosbags())
+    store = _rosbags()
+    return [] if store is None else list(store.fielddefs)
 
 
 @cache
-def _rosbags() -> dict[str, tuple[Any, Any]]:
+def _rosbags() -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        return {}
-    return cast("dict[str, tuple[Any, Any]]", get_typestore(Stores.ROS2_JAZZY).fielddefs)
-
-
-def _rosbags_type(entry: tuple[int, Any]) -> FieldType:
-    kind, inner = entry
-    if kind == 1:
-        return FieldType(inner[0], bound=inner[1])
-    if kind == 2:
-        return FieldType(inner)
-    item, size = inner
-    shape = Shape.BOUNDED if kind == 4 and size else _SHAPES[kind]
-    single = _rosbags_type(item)
-    return FieldType(single.base, shape, size, single.bound)
+        return None
+    return get_typestore(Stores.ROS2_JAZZY)
