@@ -26,7 +26,7 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo rover fleet test test-aarch64 fallback fallback-all check safety bench soak sanitize sanitized fuzz wheel docs docs-serve docs-check pictures screenshots codemirror lock clean
+.PHONY: help setup demo rover fleet test test-aarch64 fallback fallback-all slowest mutants check safety bench soak sanitize sanitized fuzz wheel docs docs-serve docs-check pictures screenshots codemirror lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -35,6 +35,9 @@ help:
 	@echo "make test      run the tests"
 	@echo "make fallback  run those of machines without the extensions in C"
 	@echo "make fallback-all  run all of them so; what needs shared memory is skipped"
+	@echo "make slowest   run the tests and list the hundred that cost most, and the costliest files"
+	@echo "make mutants   change 300 functions, each at one place, and look whether a test finds it: hours;"
+	@echo "               AGAINST=out/before.json: the mutants of an earlier run, and what is missed now"
 	@echo "make test-aarch64  test the whiteboard and the order of turns on aarch64, under qemu"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
@@ -78,6 +81,15 @@ PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesi
 TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.ready-test
 	$(TEST)
+
+slowest: $(VENV)/.ready-test
+	@mkdir -p out
+	LLFSM_COSTS=out/costs.json $(TEST) -q
+
+# What was judged before is not judged again: remove out/mutants.json to begin anew.
+AGAINST ?=
+mutants: $(VENV)/.ready-test
+	$(BIN)/python .ci/mutants.py $(if $(AGAINST),--against $(AGAINST))
 
 # On Debian, with its packages qemu-user-static and gcc-aarch64-linux-gnu. The emulated
 # tests are many times slower: on two cores, they took some five minutes.

@@ -30,35 +30,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import entered
-import pytest
-from mutation import Function, Mutant, draw, find, functions, mutated
-
 HERE = Path(__file__).parent
+TOOLS = HERE / "mutation"  # also for pytest, which takes its plugins from there
+sys.path.append(str(TOOLS))
+
+import entered  # noqa: E402
+from changes import Function, Mutant, draw, find, functions, mutated  # noqa: E402
+from chosen import ORDER  # noqa: E402
+
 SECONDS = 240.0  # of tests' time, a mutant
 TEST_SECONDS = 60  # one test, which takes less by far: a mutant may wait forever
 MEMORY = 6 << 30  # bytes: a mutant may take all it gets
-ORDER = "LLFSM_MUTANTS_ORDER"  # names the file of the tests to run, in this order
-
-
-# ---- The plugin of pytest: run these tests, in this order
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the tests that are named, or whose files are; in their order."""
-    if ORDER not in os.environ:
-        return
-    places = {name: n for n, name in enumerate(json.loads(Path(os.environ[ORDER]).read_text()))}
-    by_place = {}
-    for item in items:
-        place = places.get(item.nodeid, places.get(item.nodeid.partition("::")[0]))
-        if place is not None:
-            by_place[item.nodeid] = place
-    kept = sorted((each for each in items if each.nodeid in by_place),
-                  key=lambda each: by_place[each.nodeid])  # fmt: skip
-    config.hook.pytest_deselected(items=[each for each in items if each.nodeid not in by_place])
-    items[:] = kept
 
 
 # ---- A copy of a checkout, and runs of pytest in it
@@ -96,14 +78,14 @@ class Copy:
         """Run pytest; return its exit code, or None if it was out of time, and what it printed."""
         temporary = self.root / "out" / "tmp"
         temporary.mkdir(parents=True, exist_ok=True)
-        plugins = ("_hypothesis_pytestplugin", "pytest_timeout", "entered", "mutants")
+        plugins = ("_hypothesis_pytestplugin", "pytest_timeout", "entered", "chosen")
         command = [
             *_contained(), str(self.root / ".venv" / "bin" / "python"), "-m", "pytest", "-q",
             *(word for plugin in plugins for word in ("-p", plugin)),
             "-p", "no:cacheprovider", "--tb=no", *options, *files,
         ]  # fmt: skip
         environment = {
-            **os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(HERE),
+            **os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(TOOLS),
             "TMPDIR": str(temporary), **environment,
         }  # fmt: skip
         environment.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from calling import modules_forgotten
+from costs import Costs
 from second_try import SecondTry
 from thoroughness import SEARCHING, examples
 
@@ -40,6 +41,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     gc.disable()
+    if path := os.environ.get("LLFSM_COSTS"):
+        config.pluginmanager.register(Costs(Path(path)))
     if "LLFSM_SECOND_TRY" in os.environ:
         config.pluginmanager.register(SecondTry())
     if HIDDEN:

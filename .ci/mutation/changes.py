@@ -221,8 +221,10 @@ def draw(product: list[Function], number: int, seed: int) -> list[Mutant]:
         kind: [(each, sites[kind]) for each, sites in places if kind in sites] for kind in KINDS
     }
     drawn: dict[tuple[str, str, int], Mutant] = {}
-    while len(drawn) < number:
-        kind = KINDS[len(drawn) % len(KINDS)]
+    for turn in range(100 * number):  # a small product may not have so many
+        if len(drawn) == number:
+            break
+        kind = KINDS[turn % len(KINDS)]
         function, sites = chance.choice(by_kind[kind])
         n = chance.randrange(len(sites))
         mutant = _described(function, sites[n], n)

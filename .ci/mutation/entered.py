@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mutation import Function, functions
+from changes import Function, functions
 
 VARIABLE = "LLFSM_ENTERED"  # the folder of what is noted
 TEST = "LLFSM_ENTERED_BY"  # the test that runs, whose processes inherit it
