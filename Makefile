@@ -74,11 +74,11 @@ fleet: $(VENV)/.ready-setup
 	@$(BIN)/python examples/fleet/start.py out/fleet.svg
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own. More than two workers a
-# processor, as tests wait half their time; each takes whole files, so that what a file's tests share
-# is made once.
+# processor (see tests/workers.py), as tests wait half their time; each takes whole files, so that
+# what a file's tests share is made once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
-    -p xdist -p pytest_timeout
-TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) --dist loadfile --no-loadscope-reorder
+    -p pytest_timeout
+TEST := LLFSM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) $(PYTEST)
 test: $(VENV)/.ready-test
 	$(TEST)
 

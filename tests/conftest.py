@@ -1,5 +1,6 @@
 """What all tests need of the process that runs them."""
 
+import atexit
 import gc
 import os
 import signal
@@ -18,6 +19,7 @@ from calling import modules_forgotten
 from costs import Costs
 from second_try import SecondTry
 from thoroughness import SEARCHING, examples
+from workers import Workers
 
 HIDDEN = hasattr(sys.modules.get("sitecustomize"), "EXTENSIONS")  # see without_extensions
 REFUSED: list[BaseException] = []  # the errors of tests that were refused shared memory
@@ -45,15 +47,18 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Costs(Path(path)))
     if "LLFSM_SECOND_TRY" in os.environ:
         config.pluginmanager.register(SecondTry())
+    if "LLFSM_WORKERS" in os.environ:
+        config.pluginmanager.register(Workers(int(os.environ.pop("LLFSM_WORKERS")), _note_refusals))
+    else:
+        _note_refusals()
+
+
+def _note_refusals() -> None:
+    """Make the file in which the processes of tests note that they were refused shared memory."""
     if HIDDEN:
         handle, os.environ["LLFSM_REFUSALS"] = tempfile.mkstemp(prefix="llfsm-refusals-")
         os.close(handle)
-
-
-def pytest_unconfigure() -> None:
-    """Remove the file of refusals."""
-    if HIDDEN:
-        Path(os.environ.pop("LLFSM_REFUSALS")).unlink(missing_ok=True)
+        atexit.register(os.unlink, os.environ["LLFSM_REFUSALS"])
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -37,7 +37,7 @@ class Costs:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Iterator[Any]:
-        """Add a test's cost to its last report, which xdist hands over."""
+        """Add a test's cost to its last report, which a worker hands over."""
         report = yield
         if report.when == "teardown":
             begun = self._begun[item.nodeid]

@@ -29,6 +29,7 @@ READS_PRIVATE = {  # tests that read private attributes, and why
     "tests/fake_rclpy/executor.py": "rclpy's own executor sets it, and the product mends it",
     "tests/forked.py": "subprocess.Popen has no other place at which a process is started",
     "tests/second_try.py": "pytest gives a test new fixtures by nothing else",
+    "tests/workers.py": "pytest and Python offer a process that was forked nothing else",
 }
 
 WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the package gets them
