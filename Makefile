@@ -110,6 +110,7 @@ check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p llfsm
+	$(BIN)/python -m mypy.stubtest llfsm.whiteboard._shm llfsm.runtime.engine._ringlet
 	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c \
 	    whiteboard/include/llfsm_whiteboard.h
 	$(CXX) -std=c++17 -O2 -Wall -Wextra -Wpedantic -Werror -fsyntax-only -x c++ \

@@ -81,7 +81,7 @@ QUICK = Pace(
     fleet_s=None,  # likewise
     page_s=1,
     edits=1,
-    explorations=(1, 20_000),
+    explorations=(1, 5_000),
     travelled=400,
 )
 
