@@ -159,6 +159,7 @@ bench: $(VENV)/.ready-bench
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	LLFSM_STRESS=80 $(PYTEST) -s tests/stress/test_stress.py
+	LLFSM_SOAK=1 $(TEST) -m soak
 	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py
