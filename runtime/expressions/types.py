@@ -300,11 +300,13 @@ def _of_item(options: Options, index: ast.expr) -> Options:
     return _joined([options_of(each) for each in items if each is not ...])
 
 
-def _result(function: object) -> Options:
-    """List the types that a function is annotated to return."""
-    if not isinstance(function, FunctionType):
-        return _UNKNOWN
+def hints_of(function: object) -> dict[str, Any]:
+    """Map what a function in Python annotates to types; none if they do not resolve."""
     try:
-        return options_of(get_type_hints(function).get("return", Any))
+        return get_type_hints(function) if isinstance(function, FunctionType) else {}
     except (NameError, TypeError, AttributeError):
-        return _UNKNOWN
+        return {}
+
+
+def _result(function: object) -> Options:
+    return options_of(hints_of(function).get("return", Any))
