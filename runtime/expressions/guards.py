@@ -306,8 +306,8 @@ class _Function:
             case [_] if name in CLOCK and not node.keywords:
                 self._reads.reads_time = True
             case [other] if name in _STATUSES and not node.keywords:
-                is_named = isinstance(other, ast.Constant) and isinstance(other.value, str)
-                self._reads.machines.add(other.value if is_named else "")
+                known = other.value if isinstance(other, ast.Constant) else ""
+                self._reads.machines.add(str(known))
             case _ if name in self._whole.table.variables:
                 _refuse(node.func)
             case _:
