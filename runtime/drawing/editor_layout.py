@@ -37,7 +37,7 @@ _STEPS = 96  # in which a curve is searched for the borders of boxes
 _TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
-_CELL = 64.0
+_CELL = 160.0
 _MOST = 4096.0  # half the width and height of what is in cells, and looked for in them
 _FAR = 1e12  # beyond, the cells cannot be numbered exactly
 
