@@ -59,10 +59,6 @@ class RateLimit:
 
     This is the generic cell rate algorithm of ITU-T I.371: messages that come at the permitted
     rate, but with jitter, do not wait each time.
-
-    Args:
-        period_ns: nanoseconds from one message to the next.
-
     """
 
     __slots__ = ("_least_ns", "_period_ns", "due_ns")
@@ -100,10 +96,11 @@ class Routes:
     """The routes of the slots that are on a board."""
 
     def __init__(self, store: Store, settings: Settings, refusals: Refusals) -> None:
-        self._store = store
+        self.store = store
+        self.settings = settings
+        self.refusals = refusals
         self.naming = Naming(settings.as_, settings.fleet)
         """Converts the names of slots here into those elsewhere, and back."""
-        self._refusals = refusals
         self._period_ns = settings.period_ns()
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
@@ -119,7 +116,7 @@ class Routes:
         So messages to its own slots arrive without a reader, also in slots that have none yet.
         """
         if self.naming.host:
-            names = (info.name for info in self._store.board.slots())
+            names = (info.name for info in self.store.board.slots())
             read = {*read, *filter(self.naming.is_own, names)}
         wires = map(self.naming.wire, filter(self.enters, read))
         return {group_of(wire) for wire in wires if wire is not None}
@@ -136,9 +133,9 @@ class Routes:
             wire = self.naming.wire(name)
             if wire is None:
                 if leaves or enters:
-                    self._refusals.add(f"no name for others: {name}", self.naming.why_none(name))
+                    self.refusals.add(f"no name for others: {name}", self.naming.why_none(name))
                 wire, leaves, enters = name, False, False
-            cell, period = self._store.cell(name), self._period_ns(name)
+            cell, period = self.store.cell(name), self._period_ns(name)
             route = self._routes[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
         return route
@@ -148,7 +145,7 @@ class Routes:
         try:
             return self._routes.get(name) or self.get(name)
         except Refused as refused:
-            self._refusals.add(f"unusable: {name}", str(refused))
+            self.refusals.add(f"unusable: {name}", str(refused))
             return None
 
     def offered_by(self, name: str) -> Route | None:
@@ -169,7 +166,7 @@ class Routes:
         """Return the usable routes of a group, with the slots' names: those asked for before."""
         if group != EVERY_GROUP:
             return list(self._groups.get(group, ()))
-        routes = ((of.name, self.usable(of.name)) for of in self._store.board.slots())
+        routes = ((of.name, self.usable(of.name)) for of in self.store.board.slots())
         return [(name, route) for name, route in routes if route is not None]
 
 
@@ -184,37 +181,24 @@ class _Held(NamedTuple):
 class Arrivals:
     """Adds other hosts' messages to the board, for one thread at a time.
 
-    Args:
-        store: the board, with versions.
-        settings: which slots enter, and how large they may be.
-        routes: the slots that are on the board.
-        peers: the other hosts.
-        quotas: what each host may take.
-        refusals: counts what does not enter.
-        now_ns: a monotonic clock.
-        wall_ns: the host's clock: the time since 1970.
-
+    Of the clocks, `now_ns` is monotonic and `wall_ns` the host's: the time since 1970.
     """
 
     def __init__(
         self,
-        store: Store,
-        settings: Settings,
         routes: Routes,
         peers: Peers,
         quotas: Quotas,
-        refusals: Refusals,
         now_ns: Callable[[], int],
         wall_ns: Callable[[], int],
     ) -> None:
-        self._store = store
-        self._settings = settings
+        self._store, self._refusals = routes.store, routes.refusals
+        self._settings = settings = routes.settings
         self._ahead_ns = settings.ahead_ns
         self._is_renaming = bool(routes.naming.host)
         self._routes = routes
         self._peers = peers
         self._quotas = quotas
-        self._refusals = refusals
         self._now_ns = now_ns
         self._wall_ns = wall_ns
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
