@@ -173,6 +173,13 @@ def defaults_of(arguments: ast.arguments) -> list[ast.expr]:
     return [each for each in (*arguments.defaults, *arguments.kw_defaults) if each is not None]
 
 
+def header_of(function: ast.FunctionDef) -> list[ast.expr]:
+    """List the defaults and annotations of a function."""
+    annotations = [each.annotation for each in all_parameters(function.args)]
+    found = [each for each in (function.returns, *annotations) if each is not None]
+    return [*defaults_of(function.args), *found]
+
+
 def bound_names(nodes: Sequence[ast.AST]) -> set[str]:
     """Name what a scope with these nodes binds itself, as Python's compiler decides it."""
     bound: set[str] = set()
