@@ -140,25 +140,17 @@ def _made_label(text: str) -> Label:
 def _boxes(bundle: Bundle) -> list[Box]:
     given = bundle.layout.states if bundle.layout else {}
     python = bundle.language in _IN_PYTHON
-    return [
-        _box(
-            state,
-            given.get(state.name, _UNPLACED),
-            python=python,
-            initial=i == 0,
-            accepting=not state.transitions,
-            suspend=state.name == bundle.suspend,
-        )
-        for i, state in enumerate(bundle.states)
-    ]
-
-
-_UNPLACED = StateBox(0, 0, 0, 0)
-
-
-def _box(state: BundleState, given: StateBox, *, python: bool, **kinds: bool) -> Box:
-    shown = _sections(state, python=python) if given.expanded else ()
-    return _made_box(state.name, shown, given.w, given.h, **kinds)
+    boxes = []
+    for state in bundle.states:
+        place = given.get(state.name, StateBox(0, 0, 0, 0))
+        shown = _sections(state, python=python) if place.expanded else ()
+        kinds = {
+            "initial": state is bundle.states[0],
+            "accepting": not state.transitions,
+            "suspend": state.name == bundle.suspend,
+        }
+        boxes.append(_made_box(state.name, shown, place.w, place.h, **kinds))
+    return boxes
 
 
 @lru_cache(maxsize=4096)
