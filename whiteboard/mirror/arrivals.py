@@ -35,7 +35,7 @@ from llfsm.whiteboard.mirror.batches import (
 from llfsm.whiteboard.mirror.groups import EVERY_GROUP, group_of
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.peers import Peers, Source
-from llfsm.whiteboard.mirror.quotas import Quotas, Refusals, Refused
+from llfsm.whiteboard.mirror.quotas import Quotas, RateLimit, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
 from llfsm.whiteboard.slot_names import OWN
@@ -54,26 +54,6 @@ _NOTHING = matcher(())
 _DAY_NS = 86_400 * 10**9
 
 
-class RateLimit:
-    """Limits a slot's messages to one each period, up to 5 ms early if the previous one was not.
-
-    This is the generic cell rate algorithm of ITU-T I.371: messages that come at the permitted
-    rate, but with jitter, do not wait each time.
-    """
-
-    __slots__ = ("_least_ns", "_period_ns", "due_ns")
-
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._least_ns = max(0, period_ns - _EARLY_NS)
-        self.due_ns = 0
-        """The time from which the next message may pass."""
-
-    def record(self, now_ns: int) -> None:
-        """Record that a message passes now."""
-        self.due_ns = max(self.due_ns + self._period_ns, now_ns + self._least_ns)
-
-
 class Route:
     """The way of a slot's messages between the board and other hosts: directions and rates."""
 
@@ -86,8 +66,9 @@ class Route:
         self.group = group_of(wire)
         self.leaves = leaves
         self.enters = enters
-        self.departures = RateLimit(period_ns)
-        self.arrivals = RateLimit(period_ns // _BURST)
+        self.departures = RateLimit(period_ns, min(_EARLY_NS, period_ns))
+        often_ns = period_ns // _BURST
+        self.arrivals = RateLimit(often_ns, min(_EARLY_NS, often_ns))
         self.sent: Version | None = None
         """Of the message that has left last."""
 
@@ -203,7 +184,7 @@ class Arrivals:
         self._wall_ns = wall_ns
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
-        self._busy_ns = 0  # the time until which an arriving message may be held back
+        self._busy_ns: float = 0  # the time until which an arriving message may be held back
         self.unknown: set[str] = set()
         """Slots whose type at a sender has to be queried."""
         self._names: set[str] = set()  # of the board's slots, as read
@@ -383,7 +364,7 @@ class Arrivals:
                 except (Refused, WhiteboardError) as error:
                     self._refuse(held.source, slot, error)
 
-    def due_ns(self) -> list[int]:
+    def due_ns(self) -> list[float]:
         """Return the times at which held messages may enter, or arriving ones at once again."""
         due = [held.route.arrivals.due_ns for held in self._held.values()]
         if self._now_ns() < self._busy_ns:

@@ -358,7 +358,7 @@ class Exchange:
 
     # ---- Status -----------------------------------------------------------------------------
 
-    def due_ns(self) -> int | None:
+    def due_ns(self) -> float | None:
         """Return the time at which a waiting message may leave or enter; None if none waits."""
         with self._lock:
             due = [route.departures.due_ns for route in self._changed.values()]
