@@ -147,12 +147,9 @@ def make_box(
     state: str,
     sections: tuple[SectionText, ...] = (),
     *,
-    initial: bool = False,
-    accepting: bool = False,
-    suspend: bool = False,
-    slot: bool = False,
     width: float = 0,
     height: float = 0,
+    **kinds: bool,
 ) -> Box:
     """Make the box of a state, at (0, 0): at least as large as asked and as its text needs."""
     title = wrap(state)
@@ -163,7 +160,7 @@ def make_box(
         widths += [code_width(line, style.CODE_SIZE) for line in section.lines]
         needed += _HEADING + len(section.lines) * line_height(style.CODE_SIZE)
     width, height = max(width, max(widths) + 2 * _PADDING), max(height, needed)
-    return Box(state, 0, 0, width, height, title, sections, initial, accepting, suspend, slot)
+    return Box(state, 0, 0, width, height, title, sections, **kinds)
 
 
 def cut_sections(

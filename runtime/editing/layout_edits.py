@@ -425,6 +425,9 @@ class ArrangeAgain(msgspec.Struct, frozen=True, tag="arrange again", tag_field="
         draft.put(LAYOUT, text.data)
 
 
+LayoutEdit: TypeAlias = ArrangeAgain | BendTransition | ExpandState | PlaceStates | ResizeState
+
+
 def _set(draft: Draft, state: str, values: dict[str, float | bool]) -> None:
     draft.state(state)
     text, bundle = made_layout(draft)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
 from llfsm.runtime.converting.edited_text import EditedText
@@ -271,6 +272,12 @@ class SetSuspendState(CodeEdit, frozen=True, tag="set suspend state"):
             draft.put("SuspendState", None)
         else:
             draft.put_name("SuspendState", draft.state(self.state).name)
+
+
+StateEdit: TypeAlias = (
+    AddState | DeleteState | OrderState | RenameState | SetSuspendState
+    | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
+)  # fmt: skip
 
 
 def _names(draft: Draft) -> list[str]:

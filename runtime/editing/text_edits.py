@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from typing import TypeAlias
 
 import msgspec
 
@@ -83,6 +84,9 @@ class Include(CodeEdit, frozen=True, tag="include"):
     def _change(self, draft: Draft) -> None:
         name = text_file(draft, TextPlace("Includes"))
         draft.put_text(name, _with(text_of(draft.files.get(name, b"")), self.text))
+
+
+TextEdit: TypeAlias = SetText | Include
 
 
 def _with(old: str, new: str) -> str:
