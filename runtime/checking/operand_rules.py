@@ -13,14 +13,13 @@ states it has been looked at is not known here.
 from __future__ import annotations
 
 import ast
-import builtins
 import math
 from collections.abc import Iterator, Sequence
 from enum import Enum, EnumMeta
 from itertools import pairwise, product
 from math import inf, nan
 from types import MethodType, NoneType
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_origin
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args, get_origin
 
 import msgspec
 
@@ -353,11 +352,7 @@ _Path: TypeAlias = tuple[str, ...]
 """A sensor's name, then those of fields."""
 _Use: TypeAlias = Literal["needs a value", "tests", "hands on", "names"]
 
-_NEED_A_VALUE: Final = {
-    getattr(builtins, name)
-    for name in ("abs", "enumerate", "float", "int", "len", "list", "max", "min", "round",
-                 "sorted", "sum", "tuple")
-}  # fmt: skip
+_NEED_A_VALUE = {abs, enumerate, float, int, len, list, max, min, round, sorted, sum, tuple}
 
 
 class _Seen(NamedTuple):

@@ -13,7 +13,7 @@ from llfsm.errors import did_you_mean
 from llfsm.runtime.checking.subject import Finding, Place, Subject
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.expressions.assignment import unassigned
-from llfsm.runtime.expressions.reads import REQUESTS, Code, nodes_of, uses_of
+from llfsm.runtime.expressions.reads import REQUESTS, Code, Uses, nodes_of, uses_of
 
 _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
@@ -46,10 +46,17 @@ def _dead(subject: Subject) -> Iterator[Finding]:
                 yield Finding(*each.where, "warning", f"{never}, as its condition is always False")
 
 
+def _uses(subject: Subject) -> list[tuple[Code, Uses]] | None:
+    """List what each piece of code names of its machine; None if one hands the machine on."""
+    uses = [(code, uses_of(code)) for code in subject.all_code()]
+    return None if any(each.escapes for _, each in uses) else uses
+
+
 def _unused(subject: Subject) -> Iterator[Finding]:
-    uses = [uses_of(code) for code in subject.all_code()]
-    if subject.opaque or any(each.escapes for each in uses):
+    found = _uses(subject)
+    if subject.opaque or found is None:
         return  # code that is not here may use them
+    uses = [each for _, each in found]
     used = {name for each in uses for name in (*each.loaded, *each.stored)}
     read = {name for each in uses for name in each.loaded}
     for name, (kind, where) in subject.declared.items():
@@ -59,14 +66,11 @@ def _unused(subject: Subject) -> Iterator[Finding]:
 
 
 def _unknown(subject: Subject) -> Iterator[Finding]:
-    if subject.attributes is None:
-        return
-    code = list(subject.all_code())
-    uses = [uses_of(each) for each in code]
-    if any(each.escapes for each in uses):
+    uses = _uses(subject)
+    if subject.attributes is None or uses is None:
         return  # code that is not here may set them
-    known = subject.attributes.union(*(each.stored for each in uses))
-    for piece, each in zip(code, uses, strict=True):
+    known = subject.attributes.union(*(each.stored for _, each in uses))
+    for piece, each in uses:
         for name, line in each.loaded.items():
             if name not in known:
                 near = did_you_mean(name, known)
@@ -75,15 +79,12 @@ def _unknown(subject: Subject) -> Iterator[Finding]:
 
 def _forgotten(subject: Subject) -> Iterator[Finding]:
     """Find attributes that are assigned though none is declared, and nothing reads them."""
-    if subject.attributes is None or subject.opaque:
-        return
-    code = list(subject.all_code())
-    uses = [uses_of(each) for each in code]
-    if any(each.escapes for each in uses):
+    uses = _uses(subject)
+    if subject.attributes is None or subject.opaque or uses is None:
         return  # code that is not here may read them
-    known = subject.attributes.union(*(each.loaded for each in uses))
+    known = subject.attributes.union(*(each.loaded for _, each in uses))
     variables = [name for name, each in subject.declared.items() if each.kind == "variable"]
-    for piece, each in zip(code, uses, strict=True):
+    for piece, each in uses:
         for name, line in each.stored.items():
             if name not in known:
                 text = f"{name!r} is not a variable of the machine, and nothing reads it"

@@ -18,21 +18,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking.operand_rules import (
-    of_comparison,
-    of_condition,
-    of_division,
-    of_effectless,
-    of_hidden,
-    of_identity,
-    of_items,
-    of_none,
-    of_none_inside,
-    of_operator,
-    of_optional,
-    of_sign,
-    of_text,
-)
+from llfsm.runtime.checking import operand_rules
 from llfsm.runtime.checking.subject import Finding, Piece, Subject
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
@@ -120,7 +106,7 @@ _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
 def typed_findings(subject: Subject, table: Table) -> list[Finding]:
     """Apply the rules that need types; sort what they find by file and line."""
     found = {*_of_defaults(subject, table), *of_ports(subject, table)}
-    found.update(of_optional(subject, table))
+    found.update(operand_rules.of_optional(subject, table))
     for code in subject.all_code():
         piece = Piece(code, Types(code, table), table)
         for node in nodes_of(code):
@@ -344,6 +330,7 @@ def _of_statement(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
                 yield piece.finding(node, "error", text)
 
 
+_WITH_ITEMS = (ast.Subscript, ast.Call, ast.For, ast.comprehension, ast.Compare, ast.Assign)
 _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Attribute, _of_attribute),
     (ast.Attribute, _of_store),
@@ -351,18 +338,18 @@ _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Expr, _of_statement),
     ((ast.Assign, ast.AnnAssign), _of_assignment),
     (ast.Compare, _of_state_name),
-    (ast.Compare, of_comparison),
-    ((ast.BinOp, ast.Compare), of_operator),
-    ((ast.BinOp, ast.AugAssign, ast.Call), of_division),
-    ((ast.Subscript, ast.Call, ast.For, ast.comprehension, ast.Compare, ast.Assign), of_items),
-    (ast.BoolOp, of_none),
-    (ast.If, of_none_inside),
-    ((ast.BoolOp, ast.Compare), of_condition),
-    (ast.Compare, of_identity),
-    (ast.Expr, of_effectless),
-    (ast.Assign, of_sign),
-    ((ast.Assign, ast.AnnAssign), of_hidden),
-    ((ast.Assign, ast.Call), of_text),
+    (ast.Compare, operand_rules.of_comparison),
+    ((ast.BinOp, ast.Compare), operand_rules.of_operator),
+    ((ast.BinOp, ast.AugAssign, ast.Call), operand_rules.of_division),
+    (_WITH_ITEMS, operand_rules.of_items),
+    (ast.BoolOp, operand_rules.of_none),
+    (ast.If, operand_rules.of_none_inside),
+    ((ast.BoolOp, ast.Compare), operand_rules.of_condition),
+    (ast.Compare, operand_rules.of_identity),
+    (ast.Expr, operand_rules.of_effectless),
+    (ast.Assign, operand_rules.of_sign),
+    ((ast.Assign, ast.AnnAssign), operand_rules.of_hidden),
+    ((ast.Assign, ast.Call), operand_rules.of_text),
 ]
 
 

@@ -30,7 +30,7 @@ from llfsm.runtime.engine.errors import BundleError, DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
 from llfsm.runtime.engine.state import State, Transition
-from llfsm.runtime.expressions.reads import bound_names
+from llfsm.runtime.expressions.reads import all_parameters, bound_names, header_of
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.source_text import FunctionSyntax
@@ -47,8 +47,10 @@ class Imports:
         if name not in module:
             if hasattr(builtins, name):
                 return
-            what = f"nothing is called {name!r} when it runs; is it imported for type checkers only"
-            raise BundleError(f"cannot be made a bundle: {what}?", file, line)
+            what = (
+                f"nothing is called {name!r} when it runs; is it imported for type checkers only?"
+            )
+            raise refusal(what, file, line)
         home = str(module["__name__"])
         if self._lines.get(name, ("", home))[1] == home:
             if name not in self._lines:
@@ -57,12 +59,8 @@ class Imports:
         written = _import_of(name, module, file, line)
         other, where = self._lines[name]
         if other != written:
-            raise BundleError(
-                f"cannot be made a bundle: {name!r} is of {home} here, and of {where} elsewhere; "
-                f"rename one of them",
-                file,
-                line,
-            )
+            what = f"{name!r} is of {home} here, and of {where} elsewhere; rename one of them"
+            raise refusal(what, file, line)
 
     @property
     def names(self) -> set[str]:
@@ -114,12 +112,8 @@ def _import_of(name: str, module: Mapping[str, Any], file: Path, line: int) -> s
             break
     home = str(module["__name__"])
     if getattr(sys.modules.get(home), name, None) is not module[name] or home == "__main__":
-        raise BundleError(
-            f"cannot be made a bundle: {name!r} is of {home}, which cannot be imported; "
-            f"put it into a module of its own",
-            file,
-            line,
-        )
+        what = f"{name!r} is of {home}, which cannot be imported; put it into a module of its own"
+        raise refusal(what, file, line)
     return f"{home}\n{name}"
 
 
@@ -186,7 +180,7 @@ class FunctionTexts:
         assert isinstance(node, ast.FunctionDef)
         if node.args.posonlyargs or not node.args.args:
             raise refusal(f"{what} is written with /, or without self", file, node.lineno)
-        for default in _outside(node):
+        for default in header_of(node):
             for name in _loaded(default):
                 if name.id in self._known | self.others:
                     raise refusal(
@@ -257,9 +251,8 @@ class FunctionTexts:
         node = syntax_of(code)
         if node is None:
             raise refusal(f"the text of {what} cannot be found", file, line)
-        arguments = node.args
-        several = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
-        if is_alone and (len(several) != 1 or arguments.vararg or arguments.kwarg):
+        every, arguments = all_parameters(node.args), node.args
+        if is_alone and (len(every) != 1 or arguments.vararg or arguments.kwarg):
             raise refusal(f"{what} has parameters besides the machine", file, line)
         return code, node, self._text(file), file
 
@@ -294,14 +287,14 @@ class FunctionTexts:
             raise refusal(f"{what} binds the name of the machine anew", file, node.lineno)
         for part in body:
             for each in ast.walk(part):
-                if isinstance(each, ast.Attribute) and _is_name(each.value, machine):
-                    if each.attr in self.others:
-                        raise refusal(
-                            f"{what} uses {each.attr!r}, which a bundle's code cannot name",
-                            file,
-                            each.lineno,
-                        )
-                    self.called.add(each.attr)
+                match each:
+                    case ast.Attribute(ast.Name(of), attribute) if of == machine:
+                        if attribute in self.others:
+                            text_of = (
+                                f"{what} uses {attribute!r}, which a bundle's code cannot name"
+                            )
+                            raise refusal(text_of, file, each.lineno)
+                        self.called.add(attribute)
             for name in _loaded(part):
                 if name.id == machine or name.id in hidden:
                     continue
@@ -330,10 +323,6 @@ def _loaded(tree: ast.AST) -> Iterator[ast.Name]:
             yield node
 
 
-def _is_name(node: ast.expr, name: str) -> bool:
-    return isinstance(node, ast.Name) and node.id == name
-
-
 def _line_of(body: list[Any], name: str) -> int:
     """Return the line on which a function binds a name."""
     for part in body:
@@ -341,14 +330,6 @@ def _line_of(body: list[Any], name: str) -> int:
             if isinstance(each, ast.Name) and each.id == name:
                 return each.lineno
     return int(body[0].lineno)
-
-
-def _outside(function: ast.FunctionDef) -> list[ast.expr]:
-    arguments = function.args
-    every = [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]
-    found = [function.returns, *(each.annotation for each in every if each is not None)]
-    found += [*arguments.defaults, *arguments.kw_defaults]
-    return [each for each in found if each is not None]
 
 
 def _undocumented(function: ast.FunctionDef) -> list[ast.stmt]:

@@ -20,16 +20,11 @@ from pathlib import Path
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
 from llfsm.runtime.bundles.compiling import Scope, first_wait
-from llfsm.runtime.bundles.names import (
-    Known,
-    included_names,
-    resolve,
-    resolve_method,
-)
+from llfsm.runtime.bundles.names import Known, included_names, resolve, resolve_method
 from llfsm.runtime.converting.class_files import module_name
 from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.expressions.reads import MACHINE
+from llfsm.runtime.expressions.reads import MACHINE, all_parameters
 
 _DECORATORS = {
     "OnEntry": "on_entry",
@@ -230,9 +225,7 @@ class _Writer:
             return
         text = EditedText(fragment.text)
         for node in scope.functions:
-            arguments = node.args
-            names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
-            every = [*names, *filter(None, (arguments.vararg, arguments.kwarg))]
+            arguments, every = node.args, all_parameters(node.args)
             if any(each.arg == "self" for each in every):
                 raise fragment.error("a parameter is called 'self', as the machine", node.lineno)
             if getattr(node, "type_params", None) or arguments.posonlyargs:

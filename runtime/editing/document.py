@@ -22,33 +22,12 @@ from llfsm.runtime.checking.bundles import declared_names
 from llfsm.runtime.converting import write_converted
 from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChange, FileChanges, FilesReader
 from llfsm.runtime.editing.errors import EditConflictError, EditError
-from llfsm.runtime.editing.layout_edits import (
-    ArrangeAgain,
-    BendTransition,
-    ExpandState,
-    PlaceStates,
-    ResizeState,
-)
-from llfsm.runtime.editing.state_edits import (
-    AddState,
-    AddTransition,
-    DeleteState,
-    DeleteTransition,
-    OrderState,
-    OrderTransition,
-    RenameState,
-    RetargetTransition,
-    SetSuspendState,
-)
-from llfsm.runtime.editing.text_edits import Include, SetText
+from llfsm.runtime.editing.layout_edits import LayoutEdit
+from llfsm.runtime.editing.state_edits import StateEdit
+from llfsm.runtime.editing.text_edits import TextEdit
 from llfsm.runtime.engine.errors import BundleError
 
-Edit: TypeAlias = (
-    AddState | DeleteState | OrderState | RenameState | SetSuspendState
-    | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
-    | Include | SetText
-    | ArrangeAgain | BendTransition | ExpandState | PlaceStates | ResizeState
-)  # fmt: skip
+Edit: TypeAlias = StateEdit | TextEdit | LayoutEdit
 
 _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(list[Edit])
 

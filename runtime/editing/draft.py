@@ -409,6 +409,18 @@ class Draft:
             self.files[f"{stem}_OnEntry.py"] = b"\n"
 
 
+class CodeEdit(msgspec.Struct, frozen=True, tag_field="edit"):
+    """An edit of more than the layout, which only Python bundles can have."""
+
+    def apply(self, draft: Draft) -> None:
+        """Make the edit in a draft."""
+        draft.require_python()
+        self._change(draft)
+
+    def _change(self, draft: Draft) -> None:
+        raise NotImplementedError
+
+
 def text_like(old: bytes, text: str) -> bytes:
     """Encode a text with the byte order mark and the ends of lines that an old one has."""
     decoded = old.decode("utf-8", "replace")

@@ -25,6 +25,7 @@ import msgspec
 
 from llfsm.runtime.bundles.model import Bundle
 from llfsm.runtime.bundles.plist import described_path, layout_to_plist, read_layout, split_states
+from llfsm.runtime.drawing.editor_layout import moved_path
 from llfsm.runtime.editing.draft import Draft
 from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.sketch import automatic, is_placed, path_between, placed_boxes
@@ -344,12 +345,10 @@ class PlaceStates(msgspec.Struct, frozen=True, tag="place states", tag_field="ed
         paths = bundle.layout.transitions if bundle.layout else {}
         for state in bundle.states:
             targets = [each.target for each in state.transitions]
-            for number, (path, target) in enumerate(
-                zip(paths.get(state.name, ()), targets, strict=False)
-            ):
-                moved = _moved(path, moves.get(state.name), moves.get(target))
-                if moved != path:
-                    _set_path(text, state.name, number, path, moved)
+            drawn = zip(paths.get(state.name, ()), targets, strict=False)
+            for number, (path, target) in enumerate(drawn):
+                ends = moves.get(state.name, (0.0, 0.0)), moves.get(target, (0.0, 0.0))
+                _set_path(text, state.name, number, path, moved_path(path, *ends))
         draft.put(LAYOUT, text.data)
 
 
@@ -426,6 +425,9 @@ class ArrangeAgain(msgspec.Struct, frozen=True, tag="arrange again", tag_field="
         draft.put(LAYOUT, text.data)
 
 
+LayoutEdit: TypeAlias = ArrangeAgain | BendTransition | ExpandState | PlaceStates | ResizeState
+
+
 def _set(draft: Draft, state: str, values: dict[str, float | bool]) -> None:
     draft.state(state)
     text, bundle = made_layout(draft)
@@ -444,20 +446,4 @@ def _set_path(
     before = described_path(old)
     for key, value in described_path(new).items():
         if value != before[key]:
-            text.set(("States", state, "Transitions", number, key), value)
-
-
-def _moved(path: TransitionPath, source: Point | None, target: Point | None) -> TransitionPath:
-    """Move the two halves of a path as its boxes are moved."""
-
-    def by(point: Point, move: Point | None) -> Point:
-        return (
-            point if move is None else (round(point[0] + move[0], 2), round(point[1] + move[1], 2))
-        )
-
-    return path._replace(
-        src=by(path.src, source),
-        control1=by(path.control1, source),
-        dst=by(path.dst, target),
-        control2=by(path.control2, target),
-    )
+            text.set(("States", state, "Transitions", number, key), round(value, 2))

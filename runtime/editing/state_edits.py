@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator, Sequence
-
-import msgspec
+from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
 from llfsm.runtime.converting.edited_text import EditedText
-from llfsm.runtime.editing.draft import Draft
+from llfsm.runtime.editing.draft import CodeEdit, Draft
 from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.layout_edits import (
     LAYOUT,
@@ -89,16 +88,14 @@ def _constants(nodes: Iterable[ast.AST]) -> Iterator[ast.Constant]:
 _ENDINGS = ("target", "expr")
 
 
-class AddTransition(msgspec.Struct, frozen=True, tag="add transition", tag_field="edit"):
+class AddTransition(CodeEdit, frozen=True, tag="add transition"):
     """Add a transition behind the others of its state; without an expression it always fires."""
 
     source: str
     target: str
     expression: str = ""
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         number = len(draft.state(self.source).transitions)
         stem = f"State_{self.source}_Transition_{number}"
         draft.put_name(f"{stem}.target", draft.state(self.target).name)
@@ -106,16 +103,14 @@ class AddTransition(msgspec.Struct, frozen=True, tag="add transition", tag_field
             draft.put_text(f"{stem}.expr", self.expression.rstrip("\n") + "\n")
 
 
-class RetargetTransition(msgspec.Struct, frozen=True, tag="retarget transition", tag_field="edit"):
+class RetargetTransition(CodeEdit, frozen=True, tag="retarget transition"):
     """Let a transition lead to another state."""
 
     source: str
     number: int
     target: str
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.transition(self.source, self.number)
         target = draft.state(self.target).name
         draft.put_name(f"State_{self.source}_Transition_{self.number}.target", target)
@@ -128,16 +123,14 @@ class RetargetTransition(msgspec.Struct, frozen=True, tag="retarget transition",
         change_paths(draft, self.source, redraw, -1)
 
 
-class OrderTransition(msgspec.Struct, frozen=True, tag="order transition", tag_field="edit"):
+class OrderTransition(CodeEdit, frozen=True, tag="order transition"):
     """Evaluate a transition at another place among those of its state."""
 
     source: str
     number: int
     to: int
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.transition(self.source, self.number)
         draft.transition(self.source, self.to)
         order = list(range(len(draft.state(self.source).transitions)))
@@ -151,15 +144,13 @@ class OrderTransition(msgspec.Struct, frozen=True, tag="order transition", tag_f
         )
 
 
-class DeleteTransition(msgspec.Struct, frozen=True, tag="delete transition", tag_field="edit"):
+class DeleteTransition(CodeEdit, frozen=True, tag="delete transition"):
     """Delete a transition; those behind it move up."""
 
     source: str
     number: int
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.transition(self.source, self.number)
         numbers = range(len(draft.state(self.source).transitions))
         _renumber(draft, self.source, [number for number in numbers if number != self.number])
@@ -182,16 +173,14 @@ def _renumber(draft: Draft, state: str, order: Sequence[int]) -> None:
             draft.put(f"{stem}{new}.{end}", data)
 
 
-class AddState(msgspec.Struct, frozen=True, tag="add state", tag_field="edit"):
+class AddState(CodeEdit, frozen=True, tag="add state"):
     """Add a state behind the others, with its box around (x, y)."""
 
     state: str
     x: float
     y: float
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.check_new_state(self.state)
         check_numbers((self.x, self.y))
         text, _ = made_layout(draft)
@@ -203,15 +192,13 @@ class AddState(msgspec.Struct, frozen=True, tag="add state", tag_field="edit"):
         draft.keep_a_file(self.state)
 
 
-class RenameState(msgspec.Struct, frozen=True, tag="rename state", tag_field="edit"):
+class RenameState(CodeEdit, frozen=True, tag="rename state"):
     """Give a state another name: in its files, in targets, in the layout, and where code has it."""
 
     state: str
     to: str
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.state(self.state)
         draft.check_new_state(self.to)
         own = draft.files_of(self.state)
@@ -235,14 +222,12 @@ class RenameState(msgspec.Struct, frozen=True, tag="rename state", tag_field="ed
             draft.put(LAYOUT, text.data)
 
 
-class DeleteState(msgspec.Struct, frozen=True, tag="delete state", tag_field="edit"):
+class DeleteState(CodeEdit, frozen=True, tag="delete state"):
     """Delete a state with its files, and the transitions that lead to it."""
 
     state: str
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.state(self.state)
         if len(draft.bundle.states) == 1:
             raise EditError("a machine needs a state")
@@ -262,15 +247,13 @@ class DeleteState(msgspec.Struct, frozen=True, tag="delete state", tag_field="ed
         _set_states(draft, [name for name in _names(draft) if name != self.state])
 
 
-class OrderState(msgspec.Struct, frozen=True, tag="order state", tag_field="edit"):
+class OrderState(CodeEdit, frozen=True, tag="order state"):
     """Move a state to another place in the list; at place 0 it is the initial state."""
 
     state: str
     to: int
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         draft.state(self.state)
         names = [name for name in _names(draft) if name != self.state]
         if not 0 <= self.to <= len(names):
@@ -279,18 +262,22 @@ class OrderState(msgspec.Struct, frozen=True, tag="order state", tag_field="edit
         _set_states(draft, names)
 
 
-class SetSuspendState(msgspec.Struct, frozen=True, tag="set suspend state", tag_field="edit"):
+class SetSuspendState(CodeEdit, frozen=True, tag="set suspend state"):
     """Make a state the suspend state, or let there be none."""
 
     state: str | None
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         if self.state is None:
             draft.put("SuspendState", None)
         else:
             draft.put_name("SuspendState", draft.state(self.state).name)
+
+
+StateEdit: TypeAlias = (
+    AddState | DeleteState | OrderState | RenameState | SetSuspendState
+    | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
+)  # fmt: skip
 
 
 def _names(draft: Draft) -> list[str]:

@@ -36,7 +36,6 @@ from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.llfsm import (
     DEFINITIONS,
     HOSTS,
-    KEEPS_READ,
     MACHINES,
     MIRROR,
     SUMMARIES,
@@ -54,6 +53,7 @@ from llfsm.whiteboard.messages.llfsm import (
     viewer_slot,
 )
 from llfsm.whiteboard.mirror.naming import Naming
+from llfsm.whiteboard.slot_names import KEEPS_READ
 
 NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
 """Why no other host can be reached, and what to do."""

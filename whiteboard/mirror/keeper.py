@@ -56,17 +56,12 @@ _CONTENT = msgspec.msgpack.Decoder(_Content)
 
 
 class Keeper:
-    """Keeps messages of one board in a file. For one thread; another one of its own writes.
-
-    Args:
-        settings: the file, and which slots it keeps.
-        board: the board's name.
+    """Keeps messages of the board named, for one thread; another one of its own writes the file.
 
     Raise :class:`.BoardCorruptError` for a damaged file, :class:`.BoardMirroredError` if another
     daemon keeps messages in it, :class:`.BoardPermissionError` if it belongs to another user, or is
     another kind of file, and another :class:`.BoardError` if it cannot be read or written, or
     belongs to another board.
-
     """
 
     def __init__(self, settings: KeepSettings, board: str) -> None:
