@@ -28,7 +28,7 @@ from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans import Plan, Verification, assemble, line_of, read_plan
+from llfsm.runtime.plans import Plan, Verification, line_of, read_plan
 from llfsm.whiteboard import Whiteboard
 
 
@@ -71,10 +71,10 @@ def _check_file(file: Path) -> list[Finding]:
         return [Finding(str(file.absolute()), 1, "error", error.message)]
     if any(each.severity == "error" for each in found):
         return found
-    resolved = parse_arguments([str(file)], None, (), ())
+    resolved = parse_arguments([str(file)])
     try:
         environment = BoardEnvironment(Whiteboard.local())  # loaded, but never given a turn
-        assemble(resolved.plan, resolved.classes, environment, library=resolved.library)
+        resolved.assemble(environment)
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan)

@@ -33,6 +33,11 @@ class Number(click.FloatRange):
     name = "number"
 
 
+def file_option(*names: str, **settings: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make an option that takes the path of a file."""
+    return click.option(*names, metavar="FILE", type=click.Path(path_type=Path), **settings)
+
+
 directory_option = click.option(
     "--directory",
     metavar="DIR",
@@ -111,11 +116,9 @@ local_option = click.option(
     help="Use a whiteboard private to this process, which needs no shared memory.",
 )
 
-record_option = click.option(
+record_option = file_option(
     "--record",
     "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
 )
 
@@ -142,10 +145,8 @@ def checked_host(value: str) -> str:
     return value
 
 
-topics_option = click.option(
+topics_option = file_option(
     "--config",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="A bridge's configuration, which maps a bag's topics to slots; by default, by name.",
 )
 

@@ -26,9 +26,15 @@ from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.machine_config import used_slots
 from llfsm.cli.bridge.configured import Configured
 from llfsm.cli.machines import ResolvedPlan, parse_arguments
-from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option
+from llfsm.cli.options import (
+    file_option,
+    given_option,
+    recording_argument,
+    topics_option,
+    trust_option,
+)
 from llfsm.runtime.debugging.breakpoints import callable_machines
-from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, assemble
+from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine
 from llfsm.runtime.verification import Member
 
 
@@ -53,7 +59,7 @@ def plan_of_one(
     journals = whole_journals(recording)
     if len(journals) > 1:
         names = {journal.about.get("machines", "?"): journal for journal in journals}
-        given = parse_arguments(machines, None, (), ()).classes if machines else ()
+        given = parse_arguments(machines).classes if machines else ()
         found = names.get(", ".join(given))
         if found is None or len(names) < len(journals):
             raise click.UsageError(
@@ -75,8 +81,7 @@ def reverse_debugging(
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
-        plan, library = resolved.plan, resolved.library
-        assemble(plan, resolved.classes, rerun.environment, library=library)
+        resolved.assemble(rerun.environment)
         return rerun
 
     _log_no_failures()
@@ -106,7 +111,7 @@ def _resolve(
             f"which machines? The recording names {recorded}: name them yourself, or --trust the "
             f"file to decide which code runs"
         )
-    given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
+    given = parse_arguments(machines).plan.machines if machines else ()
     if given and len(given) != sum(len(plan.machines) for plan in plans):
         names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
         raise click.UsageError(
@@ -163,7 +168,7 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
         raise click.UsageError(
             f"{recording.path} is a bag: name the machines that are to read its topics"
         )
-    resolved = parse_arguments(machines, None, (), ())
+    resolved = parse_arguments(machines)
     plan = resolved.plan
     members = list(_members(resolved))
     slots = [machine.slots for machine in plan.machines]
@@ -207,11 +212,9 @@ def _members(resolved: ResolvedPlan) -> Iterator[Member]:
     help="What must be as recorded: all events (default), states and posts, or posts alone.",
 )
 @topics_option
-@click.option(
+@file_option(
     "--record",
     "recorded",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="For a bag: record what the machines do on its topics.",
 )
 def rerun(
@@ -249,7 +252,7 @@ def rerun(
     number, lost = 0, False
     for journal, resolved in plans_to_rerun(recording, machines, trust=trust):
         again = Rerun(recording.entries(journal), str(file), compare)
-        assemble(resolved.plan, resolved.classes, again.environment, library=resolved.library)
+        resolved.assemble(again.environment)
         difference = again.compare()
         if difference is not None:
             raise click.ClickException(f"{file}: {difference}")

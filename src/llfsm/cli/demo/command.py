@@ -18,7 +18,14 @@ import click
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.cli.demo.parts import Parts, Processes, ProcessStatus, Threads
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
-from llfsm.cli.options import BoardPlace, Number, board_option, given_option, local_option
+from llfsm.cli.options import (
+    BoardPlace,
+    Number,
+    board_option,
+    file_option,
+    given_option,
+    local_option,
+)
 from llfsm.cli.ps import Watcher, machine_table, slot_table, turtle_field
 from llfsm.cli.turtlesim import draw_field
 from llfsm.cli.view import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
@@ -58,20 +65,16 @@ class _EndError(Exception):
 @click.command()
 @click.argument("name", type=click.Choice(list(_DEMOS)))
 @click.option("--seconds", type=Number(0), help="End after this time; by default at Ctrl-C.")
-@click.option(
+@file_option(
     "--picture",
     "target",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Draw the turtle's path: FILE.svg, FILE.png, or both if FILE has no suffix; by default "
     "demo-NAME.",
 )
 @board_option(default="demo")
 @click.option("--view", is_flag=True, help="Also show it on a page, and print its address.")
-@click.option(
+@file_option(
     "--record",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Record it for llfsm rerun; not with --ros.",
 )
 @local_option

@@ -24,7 +24,6 @@ from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.view import VIEW_PORT, listen, make_server, page_address
 from llfsm.errors import LlfsmError
-from llfsm.runtime.plans import assemble
 from llfsm.runtime.presence.live import LiveEnvironment
 
 if TYPE_CHECKING:
@@ -223,11 +222,7 @@ class Threads:
 
     def start_machines(self, names: Sequence[str]) -> None:
         """Start the machines of these names as one arrangement."""
-        resolved = parse_arguments(names, None, (), ())
-        environment = LiveEnvironment(self._board)
-        arrangement = assemble(
-            resolved.plan, resolved.classes, environment, library=resolved.library
-        )
+        arrangement = parse_arguments(names).assemble(LiveEnvironment(self._board))
         self._start("machine", arrangement.run, partial(arrangement.stop, "the demo ends"))
 
     def start_page(self, token: str) -> str:

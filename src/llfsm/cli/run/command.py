@@ -19,6 +19,7 @@ from llfsm.cli.options import (
     board_option,
     break_option,
     end_with_input,
+    file_option,
     given_option,
     local_option,
     record_option,
@@ -139,10 +140,8 @@ class _Priority(Integer):
     is_flag=True,
     help="Run as a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
 )
-@click.option(
+@file_option(
     "--config",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="With --ros: what to connect, as for `llfsm bridge ros2`; by default topics named as "
     "the machines' slots.",
 )
@@ -196,16 +195,9 @@ def run(
     llfsm run RosPingPong -v --local
     llfsm run --ros patrol.py:Patrol --ros-args -r __ns:=/robot
     """
-    _check_options(
-        nonstop=nonstop,
-        local=local,
-        ros=ros,
-        ros_time=ros_time,
-        lifecycle=lifecycle,
-        recording=recording,
-    )
+    _check_options(**click.get_current_context().params)
     resolved = parse_arguments(machines, table, suspended, preloaded)
-    plan = _with_options(resolved.plan, **overrides)
+    plan = resolved.plan = _with_options(resolved.plan, **overrides)
     place = None if local else _place(plan, board, default=not ros)
     if recording is not None and place is None:
         raise click.UsageError(
@@ -216,7 +208,7 @@ def run(
     options = WorldOptions(place, local, remove_board, recording, nonstop, joined)
     log_machines(is_on=not ros or ros_arguments().stdout)
     with open_world(options, plan, resolved.classes.values()) as world:
-        load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
+        load = partial(load_machines, resolved, Reports(verbose, report, timed))
         if lifecycle:
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:
@@ -241,6 +233,7 @@ def _check_options(
     ros_time: bool,
     lifecycle: bool,
     recording: Path | None,
+    **_: object,
 ) -> None:
     """Refuse options that do not go together."""
     if nonstop and recording is not None:

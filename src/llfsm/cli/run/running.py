@@ -35,7 +35,6 @@ from llfsm.runtime.engine.events import Event, Reason, Request, Turn
 from llfsm.runtime.engine.histogram import Spread
 from llfsm.runtime.engine.statistics import MachineStatistics
 from llfsm.runtime.engine.watchdog import running_call
-from llfsm.runtime.plans import Plan, assemble
 
 _log = logging.getLogger(__name__)
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
@@ -164,12 +163,11 @@ class Reports(NamedTuple):
 
 
 def load_machines(
-    resolved: ResolvedPlan, plan: Plan, reports: Reports, environment: Environment
+    resolved: ResolvedPlan, reports: Reports, environment: Environment
 ) -> Arrangement:
-    """Load the machines of a plan, whose classes `resolved` has, with breakpoints and reports."""
-    arrangement = assemble(
-        plan, resolved.classes, environment, library=resolved.library, timed=reports.timed
-    )
+    """Load the machines of a plan, with breakpoints and reports."""
+    plan = resolved.plan
+    arrangement = resolved.assemble(environment, timed=reports.timed)
     if plan.on_pause != "keep" or plan.breakpoints:
         debugger = Debugger(arrangement, on_pause=plan.on_pause, lease_s=LEASE_S)
         library = callable_machines(resolved.classes) if plan.breakpoints else {}
