@@ -163,11 +163,16 @@ trust_option = click.option(
     help="Run the machines that the file names, from the folder that it names.",
 )
 
+_UNTIL_EOF = "llfsm.until_eof"
+
 until_eof_option = click.option(
     "--until-eof",
     is_flag=True,
+    expose_value=False,
+    callback=lambda context, _, given: context.meta.update({_UNTIL_EOF: given}),
     help="End when standard input closes, as under a supervisor.",
 )
+"""A command that has it calls :func:`end_with_input` once it can end well."""
 
 
 def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -203,10 +208,12 @@ def given_option(*names: str) -> str | None:
 
 
 def end_with_input() -> None:
-    """Send this process SIGTERM when its standard input is closed.
+    """With ``--until-eof``, send this process SIGTERM when its standard input is closed.
 
     A supervisor that holds the other end of the pipe thus ends its processes even if it is killed.
     """
+    if not click.get_current_context().meta.get(_UNTIL_EOF):
+        return
 
     def wait() -> None:
         while os.read(0, 4096):

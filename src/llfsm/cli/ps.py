@@ -200,30 +200,27 @@ def _scheduling(status: MachineStatus) -> str:
     return f"FIFO {status.realtime}{core}" if status.realtime else ""
 
 
+# What --json prints of a machine's status as it is published.
+_PUBLISHED = (
+    *("state", "ringlets", "overruns", "pid", "host", "paused", "clock", "caller"),
+    *("refusal", "error", "error_state"),
+)
+
+
 def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
     status, silent_s = machine.status, machine.silent_s  # one look at the clock for all times
     return {
         "whiteboard": listing.board,
         "machine": machine.name,
-        "state": status.state,
         "status": machine.condition,
+        **{name: getattr(status, name) for name in _PUBLISHED},
         "in_state_s": round(status.in_state_s + silent_s, 3),
         "silent_s": round(silent_s, 3),
-        "ringlets": status.ringlets,
-        "overruns": status.overruns,
-        "pid": status.pid,
-        "host": status.host,
         "as": listing.hosts.of_machine(machine.name) or None,
         "realtime": status.realtime or None,
         "cpu": None if status.cpu < 0 else status.cpu,
-        "paused": status.paused,
         "paused_left_s": _left_s(status.paused_left_s, silent_s),
-        "clock": status.clock,
         "overridden": _overrides(machine),
-        "caller": status.caller,
-        "refusal": status.refusal,
-        "error": status.error,
-        "error_state": status.error_state,
         "error_s": round(status.error_s + silent_s, 3) if status.failed else None,
         "contested": [
             slot

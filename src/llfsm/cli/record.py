@@ -65,7 +65,6 @@ def record(
     cdr: bool,
     max_size: float,
     max_time: float,
-    until_eof: bool,
 ) -> None:
     """Record a whiteboard and its machines until Ctrl-C or until the whiteboard is removed.
 
@@ -81,8 +80,7 @@ def record(
     llfsm record -o robot7.mcap --host robot7
     """
     log_to_console(logging.WARNING)
-    if until_eof:
-        end_with_input()
+    end_with_input()
     about = {"board": board.name, "host": host_name(), "version": VERSION}
     signals: list[str] = []  # that asked this process to end
 

@@ -38,23 +38,12 @@ from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine
 from llfsm.runtime.verification import Member
 
 
-def plans_to_rerun(
-    recording: Recording, machines: Sequence[str], *, trust: bool
-) -> list[tuple[RecordedJournal, ResolvedPlan]]:
-    """Find the arrangements of a recording that can be rerun; `machines` replace the recorded ones.
-
-    Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
-    `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
-    """
-    return _resolve(recording, whole_journals(recording), machines, trust=trust)
-
-
 def plan_of_one(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> tuple[RecordedJournal, ResolvedPlan]:
     """Find the only arrangement, or the one whose machines have the names of `machines`.
 
-    Raise what `plans_to_rerun` raises.
+    Raise what `_resolve` raises.
     """
     journals = whole_journals(recording)
     if len(journals) > 1:
@@ -101,6 +90,11 @@ def _resolve(
     *,
     trust: bool,
 ) -> list[tuple[RecordedJournal, ResolvedPlan]]:
+    """Find the plans of arrangements of a recording; `machines` replace the recorded ones.
+
+    Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
+    `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
+    """
     plans = _plans(journals, recording.path)
     if not machines and not trust:
         recorded = "; ".join(
@@ -250,7 +244,7 @@ def rerun(
     if of_bag := given_option("config", "recorded"):
         raise click.UsageError(f"{file} is not a bag: omit {of_bag}")
     number, lost = 0, False
-    for journal, resolved in plans_to_rerun(recording, machines, trust=trust):
+    for journal, resolved in _resolve(recording, whole_journals(recording), machines, trust=trust):
         again = Rerun(recording.entries(journal), str(file), compare)
         resolved.assemble(again.environment)
         difference = again.compare()

@@ -267,8 +267,7 @@ def _run(
             logging.getLogger().addHandler(bridge.log)
             stack.callback(logging.getLogger().removeHandler, bridge.log)
         stack.enter_context(GuardThread(*options.board, after_s=_MEET_S))
-        if options.until_eof:
-            end_with_input()
+        end_with_input()
         stop_for_good(asked.make)
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import click
 
 from llfsm.bridges.turtlesim.simulator import Simulator
-from llfsm.cli.demo.parts import Parts, Processes, ProcessStatus, Threads
+from llfsm.cli.demo.parts import Processes, ProcessStatus, Threads
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
 from llfsm.cli.options import (
     BoardPlace,
@@ -280,7 +280,12 @@ class LiveBoard:
         return self._watcher
 
 
-def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: float | None) -> None:
+def show(
+    watcher: Callable[[], Watcher],
+    parts: Processes | Threads,
+    title: str,
+    seconds: float | None,
+) -> None:
     """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
     started = time.monotonic()
     until = float("inf") if seconds is None else started + seconds
@@ -315,7 +320,7 @@ def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: floa
         parts.wait(_FRAME_S / 2)
 
 
-def _reports(parts: Parts) -> Iterator[str]:
+def _reports(parts: Processes | Threads) -> Iterator[str]:
     while parts.reports:
         yield parts.reports.popleft()
 

@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import click
 
@@ -44,20 +44,6 @@ class ProcessStatus(NamedTuple):
     since_s: float
     output: str
     """The last line that it printed."""
-
-
-class Parts(Protocol):
-    """The parts of a demo, as the terminal shows them."""
-
-    reports: deque[str]
-
-    def statuses(self) -> list[ProcessStatus]:
-        """Return the status of each part."""
-        ...
-
-    def wait(self, seconds: float) -> None:
-        """Wait while the parts work."""
-        ...
 
 
 class _Process:

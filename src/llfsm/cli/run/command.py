@@ -176,7 +176,6 @@ def run(
     router: tuple[str, ...],
     board: BoardPlace,
     local: bool,
-    until_eof: bool,
     remove_board: bool,
     **overrides: Any,
 ) -> None:
@@ -217,8 +216,7 @@ def run(
         if not quiet:
             names = ", ".join(resolved.classes)
             click.echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
-        if until_eof:
-            end_with_input()
+        end_with_input()
         if nonstop:
             run_nonstop(execute, arrangement.stop)
         else:
