@@ -102,6 +102,12 @@ def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, b
     return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]
 
 
+# What a page is told of a machine's status as it is published.
+_PUBLISHED = (
+    *("paused", "clock", "caller", "error", "error_state", "refusal", "state", "suspended"),
+    *("pending", "ringlets", "overruns", "pid", "host"),
+)
+
 _encode = msgspec.json.Encoder().encode
 
 
@@ -230,22 +236,10 @@ class FrameEncoder(TimedEncoder):
         silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
         return {
             "condition": condition_of(status, silent_s) if live else "ended",
-            "paused": status.paused,
-            "clock": status.clock,
             "ends": self._ends(sample),
             "overridden": [each.sensor for each in status.overridden],
-            "caller": status.caller,
-            "error": status.error,
-            "error_state": status.error_state,
-            "refusal": status.refusal,
-            "state": status.state,
-            "suspended": status.suspended,
-            "pending": status.pending,
-            "ringlets": status.ringlets,
-            "overruns": status.overruns,
             "entered": round(self._seconds(sample.stamp_ns) - status.in_state_s, 2),
-            "pid": status.pid,
-            "host": status.host,
+            **{name: getattr(status, name) for name in _PUBLISHED},
             "definition": None if definition is None else definition.count,
         }
 
