@@ -47,7 +47,9 @@ def check(machines: tuple[str, ...], types: bool) -> None:
     llfsm check robot.toml
     llfsm check --types patrol.py
     """
-    found = {finding for machine in machines for finding in _check(machine)}
+    found = set()
+    for name in machines:
+        found.update(_check_file(Path(name)) if name.endswith(".toml") else _check_machine(name))
     if types:
         found.update(check_types(_readable(machines)))
     findings = sorted(found)
@@ -57,10 +59,6 @@ def check(machines: tuple[str, ...], types: bool) -> None:
         click.echo("no findings")
     if any(finding.severity == "error" for finding in findings):
         raise click.exceptions.Exit(1)
-
-
-def _check(name: str) -> list[Finding]:
-    return _check_file(Path(name)) if name.endswith(".toml") else _check_machine(name)
 
 
 def _check_file(file: Path) -> list[Finding]:
@@ -91,16 +89,10 @@ def _check_verification(file: Path, plan: Plan) -> list[Finding]:
     try:
         VerifiedMachines([str(file)], Verification()).options()
     except (LlfsmError, click.UsageError) as error:
-        return [Finding(str(file.absolute()), _line_of_verify(file), "error", _what(error))]
+        what = error.message if isinstance(error, click.UsageError) else str(error)
+        line = line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
+        return [Finding(str(file.absolute()), line, "error", what)]
     return []
-
-
-def _line_of_verify(file: Path) -> int:
-    return line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
-
-
-def _what(error: LlfsmError | click.UsageError) -> str:
-    return error.message if isinstance(error, click.UsageError) else str(error)
 
 
 def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:

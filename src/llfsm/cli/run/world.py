@@ -279,18 +279,21 @@ def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
     ):
         equip(node, TypeLibrary(), NodeParameters(), timer.call_soon, clock.set_ns)
         if not clock.wait_set(_LOOK_S):
-            _wait_set(clock)
+            click.echo("waiting for a time on /clock", err=True)
+            with _ending_as_a_run() as asked:
+                while not (clock.wait_set(_LOOK_S) or asked.is_made()):
+                    pass
         yield clock
 
 
-def _wait_set(clock: SimulatedClock) -> None:
-    """Wait for the first time on /clock; Ctrl-C ends the program as it ends a run."""
-    click.echo("waiting for a time on /clock", err=True)
+@contextmanager
+def _ending_as_a_run() -> Iterator[StopRequest]:
+    """Let Ctrl-C end the program after the block, as it ends a run."""
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()):
-        while not clock.wait_set(_LOOK_S):
-            if asked.is_made():
-                raise SystemExit(0)
+        yield asked
+    if asked.is_made():
+        raise SystemExit(0)
 
 
 @contextmanager
@@ -310,19 +313,11 @@ def on_ros(
                 RosEnvironment(transport, connected, board=board, clock=clock, **options)
             )
             if begin:
-                _wait_subscribed(made)
+                with _ending_as_a_run():
+                    made.wait_subscribed()
             return made
 
         yield make
-
-
-def _wait_subscribed(environment: RosEnvironment) -> None:
-    """Wait for subscriptions, for a second at most; Ctrl-C ends the program as it ends a run."""
-    asked = StopRequest()
-    with stop_on_signals(lambda _: asked.make()):
-        environment.wait_subscribed()
-    if asked.is_made():
-        raise SystemExit(0)
 
 
 def managed_machines(
