@@ -155,10 +155,10 @@ def _spread(spread: Spread | None) -> str:
 
 
 class Reports(NamedTuple):
-    """The options that print: ``-v`` (how often it is given), ``-s`` and ``-t``."""
+    """The options that print, by their names: ``-v`` (how often it is given), ``-s``, ``-t``."""
 
     verbose: int
-    suspensions: bool
+    report: bool
     timed: bool
 
 
@@ -175,7 +175,7 @@ def load_machines(
     if reports.verbose:
         with_path = reports.verbose > 1
         arrangement.attach(StateReport(arrangement, with_path=with_path, with_times=reports.timed))
-    if reports.suspensions:
+    if reports.report:
         arrangement.attach(SuspensionReport(arrangement))
     return arrangement
 

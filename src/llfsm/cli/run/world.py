@@ -138,12 +138,12 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
 
 
 class RosOptions(NamedTuple):
-    """The options ``--ros``, ``--ros-time`` and those that belong to them."""
+    """The options ``--ros``, ``--ros-time`` and those that belong to them, by their names."""
 
-    is_node: bool
-    follows_time: bool
+    ros: bool
+    ros_time: bool
     """If the machines run by the time on /clock."""
-    is_managed: bool
+    lifecycle: bool
     config: Path | None
     node: str | None
     transport: str
@@ -180,7 +180,7 @@ def open_world(
     a whiteboard raises.
     """
     ros, place = options.ros, options.place
-    is_managed = ros is not None and ros.is_managed
+    is_managed = ros is not None and ros.lifecycle
     clock: Clock | None = DebugClock() if plan.debug_clock else None
     live: MakeEnvironment = LiveEnvironment
     with ExitStack() as stack:
@@ -232,10 +232,8 @@ def join_graph(
 
     `place` is the shared whiteboard, if there is one. Raise ``click.ClickException``.
     """
-    connected = _connections(options, plan, classes, place) if options.is_node else None
-    follows_time = options.follows_time or (
-        connected is not None and _uses_simulated_time(connected)
-    )
+    connected = _connections(options, plan, classes, place) if options.ros else None
+    follows_time = options.ros_time or (connected is not None and _uses_simulated_time(connected))
     if follows_time and plan.debug_clock:
         raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
     enclave = ros_arguments().enclave
