@@ -102,6 +102,7 @@ def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, b
     return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]
 
 
+# What a page is told of a machine's status as it is published.
 _encode = msgspec.json.Encoder().encode
 
 

@@ -177,7 +177,7 @@ class Adapter:
             os.chdir(folder)
         except OSError as error:
             raise LlfsmError(f"`cwd`: {folder}: {error.strerror}") from error
-        resolved = parse_arguments([str(each) for each in given], None, (), ())
+        resolved = parse_arguments([str(each) for each in given])
         plan, board = resolved.plan, arguments.get("board")
         wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
         environment = self._stack.enter_context(recorded(None, wb, plan, clock_of(plan)))
