@@ -14,7 +14,7 @@ from llfsm.runtime.counterexamples import LiveSituation
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
-from llfsm.runtime.verification.predicates import PackedSituation
+from llfsm.runtime.verification._predicates import PackedSituation
 from llfsm.runtime.verification.properties import Situation
 from llfsm.runtime.verification.values import freeze
 from random_machines import LEFT, RIGHT, SHARED, built, specs

@@ -17,10 +17,10 @@ from llfsm.runtime.bundles.plist import read_layout
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.converting.class_files import LAYOUT_SUFFIX
 from llfsm.runtime.converting.class_process import ClassName, ClassText, convert_class, read_class
-from llfsm.runtime.editing.document import Document
-from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChanges
+from llfsm.runtime.editing._document import Document
+from llfsm.runtime.editing._draft import BundleFolder, Draft, FileChanges
+from llfsm.runtime.editing._layout_edits import LAYOUT
 from llfsm.runtime.editing.errors import EditError
-from llfsm.runtime.editing.layout_edits import LAYOUT
 from llfsm.runtime.engine.errors import BundleError
 
 

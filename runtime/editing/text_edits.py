@@ -13,7 +13,7 @@ from typing import TypeAlias
 import msgspec
 
 from llfsm.runtime.bundles.read import PARTS
-from llfsm.runtime.editing.draft import CodeEdit, Draft
+from llfsm.runtime.editing._draft import CodeEdit, Draft
 from llfsm.runtime.editing.errors import EditConflictError, EditError
 
 _OF_MACHINE = ("Includes", "Variables", "Methods")

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Final, NamedTuple, TextIO
 
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.runtime.verification.breadth_first import Search, Successor
+from llfsm.runtime.verification._breadth_first import Search, Successor
+from llfsm.runtime.verification._predicates import PackedSituation, UnnamedFieldError
+from llfsm.runtime.verification._system import System
+from llfsm.runtime.verification._tables import Tables
 from llfsm.runtime.verification.domains import Member
 from llfsm.runtime.verification.errors import PredicateError, VerificationError
-from llfsm.runtime.verification.predicates import PackedSituation, UnnamedFieldError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
-from llfsm.runtime.verification.system import System
-from llfsm.runtime.verification.tables import Tables
 from llfsm.runtime.verification.values import message_text
 
 _MANY = 1_000

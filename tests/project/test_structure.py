@@ -71,7 +71,7 @@ WRONG = [  # a module, and what it must not import
     ("runtime/engine/errors.py", "llfsm.runtime.debugging.causes"),
     ("runtime/engine/errors.py", "llfsm.runtime.value_text"),
     ("runtime/verification/errors.py", "llfsm.runtime.debugging.causes"),
-    ("runtime/plans.py", "llfsm.runtime.checking.rules"),
+    ("runtime/plans.py", "llfsm.runtime.checking._rules"),
     ("runtime/presence/will.py", "llfsm.runtime.verification.errors"),
 ]
 NEW = ["runtime", "bridges"]  # where a folder must be given its place

@@ -16,15 +16,7 @@ from enum import IntEnum
 from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
-from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
-from llfsm.bridges.ros2.bridging.bridge_plan import (
-    BridgePlan,
-    PositionPlan,
-    RelayPlan,
-    ServicePlan,
-)
-from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.relays import (
+from llfsm.bridges.ros2.bridging._relays import (
     EchoFilter,
     FromRos,
     KeyedFromRos,
@@ -34,9 +26,17 @@ from llfsm.bridges.ros2.bridging.relays import (
     ToRos,
     declare_settings,
 )
-from llfsm.bridges.ros2.bridging.slot_action import ActionPlace, SlotActionClient, SlotActionServer
-from llfsm.bridges.ros2.bridging.slot_service import SlotClient, SlotServer
-from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, PositionServer
+from llfsm.bridges.ros2.bridging._slot_action import ActionPlace, SlotActionClient, SlotActionServer
+from llfsm.bridges.ros2.bridging._slot_service import SlotClient, SlotServer
+from llfsm.bridges.ros2.bridging._turtle_position import NODE, SERVICE, PositionServer
+from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
+from llfsm.bridges.ros2.bridging.bridge_plan import (
+    BridgePlan,
+    PositionPlan,
+    RelayPlan,
+    ServicePlan,
+)
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.node_parameters import NodeParameters

@@ -15,6 +15,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from llfsm.bridges.ros2.bridging._turtle_position import NODE, SERVICE, TYPE
 from llfsm.bridges.ros2.bridging.bridge_config import (
     ActionConfig,
     BridgeConfig,
@@ -29,7 +30,6 @@ from llfsm.bridges.ros2.bridging.service_slots import (
     capacity_warning,
     service_slots,
 )
-from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, TYPE
 from llfsm.bridges.ros2.errors import CdrError, KeyPathError, RosNameError, RosTypeError
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy

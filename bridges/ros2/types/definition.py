@@ -20,7 +20,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 
 Value = bool | int | float | str | bytes | tuple["Value", ...]
 

@@ -21,8 +21,8 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 from llfsm.bridges.ros2.types.definition import Definition, Field, FieldType, Shape
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import describe
 

@@ -9,8 +9,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from llfsm.bridges.ros2.standard_node import TypeDescriptionServer
+from llfsm.bridges.ros2.types._search_path import jazzy_names, jazzy_text
 from llfsm.bridges.ros2.types.definition import EMPTY_MEMBER, parse
-from llfsm.bridges.ros2.types.search_path import jazzy_names, jazzy_text
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from llfsm.bridges.ros2.bridging._relays import LossWatch
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.relays import LossWatch
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.transport import Notifier
 from llfsm.whiteboard import Slot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from llfsm.bridges.ros2.bridging._relays import EchoFilter, FromRos, ToRos
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.relays import EchoFilter, FromRos, ToRos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import MessageInfo, Notifier, SerializedBytes
 from llfsm.whiteboard import Slot

@@ -7,10 +7,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from llfsm.bridges.ros2.bridging._relays import KeyedFromRos, RelaySettings
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.relays import KeyedFromRos, RelaySettings
 from llfsm.bridges.ros2.errors import ConnectivityError
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.threads import TimerThread

@@ -9,9 +9,9 @@ from itertools import pairwise
 
 import pytest
 
-from llfsm.bridges.ros2.bridging import relays
+from llfsm.bridges.ros2.bridging import _relays as relays
+from llfsm.bridges.ros2.bridging._relays import FromRos, RelaySettings, ToRos
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.relays import FromRos, RelaySettings, ToRos
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, Notifier, SerializedBytes

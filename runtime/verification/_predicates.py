@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from llfsm.runtime.verification._system import RelearnError
+from llfsm.runtime.verification._tables import FieldName, Tables
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.errors import PredicateError
 from llfsm.runtime.verification.properties import Property, View, evaluate
-from llfsm.runtime.verification.system import RelearnError
-from llfsm.runtime.verification.tables import FieldName, Tables
 from llfsm.runtime.verification.values import Variables
 
 if TYPE_CHECKING:

@@ -23,9 +23,8 @@ from collections.abc import Callable
 from struct import Struct, error
 from typing import Any
 
-from llfsm.bridges.ros2.types import primitives
-from llfsm.bridges.ros2.types.definition import FieldType, Shape
-from llfsm.bridges.ros2.types.layout import (
+from llfsm.bridges.ros2.types import _primitives as primitives
+from llfsm.bridges.ros2.types._layout import (
     HEADER,
     At,
     Item,
@@ -35,7 +34,8 @@ from llfsm.bridges.ros2.types.layout import (
     formats,
     padded,
 )
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
+from llfsm.bridges.ros2.types.definition import FieldType, Shape
 
 
 class GeneratedFunction:

@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import inf
 
-from llfsm.runtime.verification.breadth_first import Level, Search, Successor
-from llfsm.runtime.verification.predicates import Checker
-from llfsm.runtime.verification.properties import NO_FAILURE, ChosenTurn, Property, Verdict, Witness
-from llfsm.runtime.verification.responses import (
+from llfsm.runtime.verification._breadth_first import Level, Search, Successor
+from llfsm.runtime.verification._predicates import Checker
+from llfsm.runtime.verification._responses import (
     Lasso,
     Node,
     TooManyZonesError,
@@ -25,10 +24,11 @@ from llfsm.runtime.verification.responses import (
     possible_way,
     times_of,
 )
-from llfsm.runtime.verification.ringlets import ENDINGS
+from llfsm.runtime.verification._ringlets import ENDINGS
+from llfsm.runtime.verification._system import System
+from llfsm.runtime.verification._tables import FieldName, Tables
+from llfsm.runtime.verification.properties import NO_FAILURE, ChosenTurn, Property, Verdict, Witness
 from llfsm.runtime.verification.space import Progress
-from llfsm.runtime.verification.system import System
-from llfsm.runtime.verification.tables import FieldName, Tables
 
 
 class Decisions:

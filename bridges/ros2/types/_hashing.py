@@ -12,8 +12,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 from llfsm.bridges.ros2.types.definition import EMPTY_MEMBER, Definition, Field, FieldType
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
 _NESTED = 1  # the type id of a message
 _EMPTY = Field(EMPTY_MEMBER, FieldType("uint8"))

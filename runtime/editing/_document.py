@@ -20,10 +20,10 @@ from llfsm.runtime.bundles.model import Bundle
 from llfsm.runtime.checking import Finding, check_bundle
 from llfsm.runtime.checking.bundles import declared_names
 from llfsm.runtime.converting import write_converted
-from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChange, FileChanges, FilesReader
+from llfsm.runtime.editing._draft import BundleFolder, Draft, FileChange, FileChanges, FilesReader
+from llfsm.runtime.editing._layout_edits import LayoutEdit
+from llfsm.runtime.editing._state_edits import StateEdit
 from llfsm.runtime.editing.errors import EditConflictError, EditError
-from llfsm.runtime.editing.layout_edits import LayoutEdit
-from llfsm.runtime.editing.state_edits import StateEdit
 from llfsm.runtime.editing.text_edits import TextEdit
 from llfsm.runtime.engine.errors import BundleError
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from llfsm.bridges.ros2.bridging._slot_service import unanswered
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.transport import ServiceRequest
 from llfsm.bridges.ros2.types import RosService
 from llfsm.whiteboard import Board, BoundSlot, Sample, Slot

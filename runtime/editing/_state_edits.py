@@ -14,9 +14,8 @@ from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
 from llfsm.runtime.converting.edited_text import EditedText
-from llfsm.runtime.editing.draft import CodeEdit, Draft
-from llfsm.runtime.editing.errors import EditError
-from llfsm.runtime.editing.layout_edits import (
+from llfsm.runtime.editing._draft import CodeEdit, Draft
+from llfsm.runtime.editing._layout_edits import (
     LAYOUT,
     NEW_SIZE,
     Path,
@@ -25,6 +24,7 @@ from llfsm.runtime.editing.layout_edits import (
     layout_text,
     made_layout,
 )
+from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.sketch import path_between, placed_boxes
 from llfsm.runtime.editing.text_edits import text_of
 

@@ -27,9 +27,9 @@ from typing import Any, NamedTuple
 from uuid import uuid4
 
 from llfsm.bridges.ros2.actions import ActionClient, ActionServer, ServerGoal
+from llfsm.bridges.ros2.bridging._slot_service import unanswered
 from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.bridging.service_slots import ActionSlots, from_slot, into_slot
-from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import Node

@@ -26,7 +26,7 @@ import msgspec
 from llfsm.runtime.bundles.model import Bundle
 from llfsm.runtime.bundles.plist import described_path, layout_to_plist, read_layout, split_states
 from llfsm.runtime.drawing.editor_layout import moved_path
-from llfsm.runtime.editing.draft import Draft
+from llfsm.runtime.editing._draft import Draft
 from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.sketch import automatic, is_placed, path_between, placed_boxes
 from llfsm.runtime.engine.table import MachineLayout, Point, TransitionPath

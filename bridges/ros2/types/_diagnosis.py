@@ -10,9 +10,9 @@ from struct import pack, unpack_from
 from typing import Any
 
 from llfsm.bridges.ros2.errors import CdrError
+from llfsm.bridges.ros2.types._layout import HEADER, RecordField, RecordType
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 from llfsm.bridges.ros2.types.definition import FieldType, Shape
-from llfsm.bridges.ros2.types.layout import HEADER, RecordField, RecordType
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
 
 class _FoundError(Exception):

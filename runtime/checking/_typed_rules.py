@@ -18,8 +18,8 @@ from typing import Any, TypeAlias
 import msgspec
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking import operand_rules
-from llfsm.runtime.checking.subject import Finding, Piece, Subject
+from llfsm.runtime.checking import _operand_rules as operand_rules
+from llfsm.runtime.checking._subject import Finding, Piece, Subject
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor, messages_of_domain

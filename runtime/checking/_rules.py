@@ -10,7 +10,7 @@ import ast
 from collections.abc import Iterator
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking.subject import Finding, Place, Subject
+from llfsm.runtime.checking._subject import Finding, Place, Subject
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.expressions.assignment import unassigned
 from llfsm.runtime.expressions.reads import REQUESTS, Code, Uses, nodes_of, uses_of

@@ -10,9 +10,9 @@ from typing import Any
 
 from llfsm.errors import did_you_mean
 from llfsm.runtime.bundles import SUFFIX
+from llfsm.runtime.checking._classes import class_subject
+from llfsm.runtime.checking._subject import Finding, Subject
 from llfsm.runtime.checking.bundles import bundle_subject
-from llfsm.runtime.checking.classes import class_subject
-from llfsm.runtime.checking.subject import Finding, Subject
 from llfsm.runtime.debugging.breakpoints import Breakpoint, check_breakpoints
 from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine

@@ -20,7 +20,7 @@ from itertools import chain, repeat
 from math import inf
 from typing import NamedTuple, TypeAlias
 
-from llfsm.runtime.verification.breadth_first import Search, Successor
+from llfsm.runtime.verification._breadth_first import Search, Successor
 
 _MOST_ZONES = 20_000
 Zone: TypeAlias = tuple[tuple[float, ...], ...]

@@ -23,7 +23,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args, get_origin
 
 import msgspec
 
-from llfsm.runtime.checking.subject import Finding, Piece, Subject
+from llfsm.runtime.checking._subject import Finding, Piece, Subject
 from llfsm.runtime.engine.table import Table
 from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
 from llfsm.runtime.expressions.types import (

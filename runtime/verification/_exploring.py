@@ -21,16 +21,16 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 from llfsm.runtime.engine.errors import OptionError
-from llfsm.runtime.verification.breadth_first import search_states
-from llfsm.runtime.verification.deciding import Decisions
+from llfsm.runtime.verification._breadth_first import search_states
+from llfsm.runtime.verification._deciding import Decisions
+from llfsm.runtime.verification._ringlets import ENDINGS
+from llfsm.runtime.verification._system import System
+from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
+from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
 from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
-from llfsm.runtime.verification.ringlets import ENDINGS
 from llfsm.runtime.verification.space import Progress, Space
-from llfsm.runtime.verification.system import System
-from llfsm.runtime.verification.time_model import AnyTime, Periods, TimeModel
-from llfsm.runtime.verification.unmodelled_state import UnmodelledState, check_determinism
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Factory

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from llfsm.runtime.bundles import SUFFIX, read_bundle, write_bundle
 from llfsm.runtime.bundles.plist import layout_to_plist
+from llfsm.runtime.converting._to_bundle import class_bundle
+from llfsm.runtime.converting._to_class import class_text
 from llfsm.runtime.converting.class_files import LAYOUT_SUFFIX, write_class
-from llfsm.runtime.converting.to_bundle import class_bundle
-from llfsm.runtime.converting.to_class import class_text
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.machine import Machine
 

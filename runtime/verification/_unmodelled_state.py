@@ -37,9 +37,9 @@ from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.expressions.purity import reaches_outside, reads_outside
 from llfsm.runtime.expressions.reads import names_in
+from llfsm.runtime.verification._ringlets import Ringlets
 from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
 from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
-from llfsm.runtime.verification.ringlets import Ringlets
 
 _LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
 _MACHINES: Final = os.path.join(_LLFSM, "machines", "")

@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
-from llfsm.runtime.verification.ringlets import ENDINGS
-from llfsm.runtime.verification.system import Choice, RelearnError, System
-from llfsm.runtime.verification.tables import FieldName, Tables
+from llfsm.runtime.verification._ringlets import ENDINGS
+from llfsm.runtime.verification._system import Choice, RelearnError, System
+from llfsm.runtime.verification._tables import FieldName, Tables
 
 Level: TypeAlias = dict[int, list[int]]
 """States by the place of the machine whose turn is next; 0 is also the beginning of a round."""

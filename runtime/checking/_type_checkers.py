@@ -28,7 +28,7 @@ from llfsm.runtime.bundles import Bundle, BundleState, Fragment, read_bundle, re
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
 from llfsm.runtime.bundles.compiling import Scope
 from llfsm.runtime.bundles.names import Known, resolve, resolve_method
-from llfsm.runtime.checking.subject import Finding, Place, Severity
+from llfsm.runtime.checking._subject import Finding, Place, Severity
 from llfsm.runtime.engine.errors import BundleError, TypeCheckerError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.expressions.reads import MACHINE

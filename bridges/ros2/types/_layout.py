@@ -17,8 +17,8 @@ from typing import Any, NamedTuple, get_args
 
 import msgspec
 
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 from llfsm.bridges.ros2.types.definition import Definition, FieldType, Shape
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 from llfsm.whiteboard import Message
 
 

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.verification._ringlets import Ringlets
+from llfsm.runtime.verification._time_model import Limits, TimeModel
 from llfsm.runtime.verification.domains import Member, messages_of
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -28,8 +30,6 @@ from llfsm.runtime.verification.environment import (
 )
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError, VerificationError
 from llfsm.runtime.verification.properties import defaults_of
-from llfsm.runtime.verification.ringlets import Ringlets
-from llfsm.runtime.verification.time_model import Limits, TimeModel
 from llfsm.runtime.verification.values import freeze
 
 if TYPE_CHECKING:

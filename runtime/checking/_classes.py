@@ -9,8 +9,8 @@ from types import FunctionType
 from typing import Any
 
 from llfsm.errors import nothing_called
-from llfsm.runtime.checking.rules import findings_of
-from llfsm.runtime.checking.subject import (
+from llfsm.runtime.checking._rules import findings_of
+from llfsm.runtime.checking._subject import (
     CheckedState,
     CheckedTransition,
     Declared,
@@ -18,7 +18,7 @@ from llfsm.runtime.checking.subject import (
     Place,
     Subject,
 )
-from llfsm.runtime.checking.typed_rules import signature_of, typed_findings
+from llfsm.runtime.checking._typed_rules import signature_of, typed_findings
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
 from llfsm.runtime.engine.state import State, Transition

@@ -18,10 +18,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
 from typing import NamedTuple, TypeAlias, TypeVar
 
+from llfsm.runtime.verification._system import Choice, RelearnError, System
+from llfsm.runtime.verification._time_model import Limits
 from llfsm.runtime.verification.environment import ControlState, Given, RingletOutcome
 from llfsm.runtime.verification.properties import LastAsk
-from llfsm.runtime.verification.system import Choice, RelearnError, System
-from llfsm.runtime.verification.time_model import Limits
 
 FieldName: TypeAlias = tuple[str, str]
 """A kind ("control", "variables", "elapsed", "slot", "seen", "stop", "failed") and a name."""

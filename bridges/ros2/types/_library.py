@@ -15,14 +15,14 @@ from types import MappingProxyType
 from typing import Any, Generic, cast
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
-from llfsm.bridges.ros2.types.cdr import compile_decoder, compile_encoder
+from llfsm.bridges.ros2.types._cdr import compile_decoder, compile_encoder
+from llfsm.bridges.ros2.types._diagnosis import why_unreadable, why_unwritable
+from llfsm.bridges.ros2.types._hashing import describe as describe_type
+from llfsm.bridges.ros2.types._hashing import rihs01
+from llfsm.bridges.ros2.types._layout import RecordType
+from llfsm.bridges.ros2.types._search_path import SearchPath
 from llfsm.bridges.ros2.types.definition import Definition, TypeSource
-from llfsm.bridges.ros2.types.diagnosis import why_unreadable, why_unwritable
-from llfsm.bridges.ros2.types.hashing import describe as describe_type
-from llfsm.bridges.ros2.types.hashing import rihs01
-from llfsm.bridges.ros2.types.layout import RecordType
 from llfsm.bridges.ros2.types.message_classes import make_class, shipped_class
-from llfsm.bridges.ros2.types.search_path import SearchPath
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.schema import describe, differences
