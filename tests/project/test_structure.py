@@ -322,3 +322,8 @@ def test_what_patches_something_private_is_found(code: str, lines: list[int]) ->
 )
 def test_what_is_private_to_others_is_found(code: str, reads: int) -> None:
     assert len(private_reads(ast.parse(code))) == reads
+
+
+def test_what_is_behind_a_face_is_private(modules: dict[str, rules.Module]) -> None:
+    """A module that only the package of a face uses is `_name.py`, and nobody else imports it."""
+    assert rules.misnamed(modules, rules.mentions(ROOT, modules)) == []
