@@ -22,7 +22,7 @@ from . import rules
 from .rules import PACKAGES, PRODUCT, ROOT
 
 ENGINE = "llfsm.runtime.engine"
-CIRCLE = {f"{ENGINE}.{name}" for name in ("seat", "machine", "arrangement")}  # allowed, as no other
+CIRCLE = {f"{ENGINE}.{name}" for name in ("seat", "machine", "kernel")}  # allowed, as no other
 OF_ROS = {"llfsm.whiteboard.messages"}  # where ROS gave the names, as two to a `Pose`
 HEADER = "whiteboard/include/llfsm_whiteboard.h"  # the one long file, and it says why
 READS_PRIVATE = {  # tests that read private attributes, and why
@@ -203,7 +203,7 @@ def architecture() -> str:
 
 
 def test_no_import_circle_is_wider_than_two_modules(modules: dict[str, rules.Module]) -> None:
-    """But for one that cannot be undone: a seat, its machine and their arrangement."""
+    """But for one that cannot be undone: a seat, its machine and the kernel of their arrangement."""
     assert len(modules) > 100
     assert rules.wide_circles(modules, CIRCLE) == []
 
@@ -258,7 +258,13 @@ def private_patches(tree: ast.Module) -> list[int]:
         if isinstance(call, ast.Call)
         and isinstance(call.func, ast.Attribute)
         and call.func.attr in ("setattr", "delattr")
-        and re.search(r"['.]_[a-z]", "".join(map(ast.unparse, call.args[:2])), re.IGNORECASE)
+        and re.search(
+            r"['.]_[a-z]",
+            re.sub(
+                r"\._\w+(?=\.)", "", "".join(map(ast.unparse, call.args[:2]))
+            ),  # a module's name
+            re.IGNORECASE,
+        )
     ]
 
 
