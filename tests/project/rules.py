@@ -54,7 +54,8 @@ class Module:
     def has_all(self) -> bool:
         """True if it says by `__all__` what it offers."""
         return any(
-            isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+            isinstance(node, ast.Assign | ast.AnnAssign)
+            and ast.unparse(node).startswith(("__all__ ", "__all__:"))
             for node in self.tree.body
         )
 

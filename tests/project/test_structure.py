@@ -203,7 +203,7 @@ def architecture() -> str:
 
 
 def test_no_import_circle_is_wider_than_two_modules(modules: dict[str, rules.Module]) -> None:
-    """But for one that cannot be undone: a seat, its machine and the kernel of their arrangement."""
+    """But for one that cannot be undone: a seat, its machine, and the kernel that has them."""
     assert len(modules) > 100
     assert rules.wide_circles(modules, CIRCLE) == []
 
