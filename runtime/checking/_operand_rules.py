@@ -47,7 +47,7 @@ def of_none(piece: Piece, node: ast.BoolOp) -> Iterator[Finding]:
     met = isinstance(node.op, ast.And)
     none: dict[str, str] = {}
     for place, value in enumerate(node.values):
-        unknown = none.keys() - {ast.unparse(each) for each in _looked_at_again(value)}
+        unknown = none.keys() - _looked_at_again(value)
         for name, at in _used(value):
             if name in unknown:
                 text = f"{name} is None here; was {none[name]} meant?"
@@ -60,10 +60,7 @@ def of_none(piece: Piece, node: ast.BoolOp) -> Iterator[Finding]:
             none[name] = other
         else:
             used = {each: at for part in node.values[:place] for each, at in _used(part)}
-            before = {
-                ast.unparse(e) for part in node.values[:place] for e in _looked_at_again(part)
-            }
-            if name in used and name not in before:
+            if name in used and name not in _looked_at_again(*node.values[:place]):
                 text = f"{name} is used here before it is tested: put the test first"
                 yield piece.finding(used[name], "warning", text)
 
@@ -75,8 +72,8 @@ def of_none_inside(piece: Piece, node: ast.If) -> Iterator[Finding]:
         return
     name, is_none, other = tested
     body = node.body if is_none else node.orelse
-    again = {ast.unparse(e) for part in body for e in _looked_at_again(part)}
-    if name in again | {ast.unparse(e) for part in body for e in _given(part)}:
+    given = {ast.unparse(e) for part in body for e in _given(part)}
+    if name in given | _looked_at_again(*body):
         return
     if not name.isidentifier() and not _is_sensor(piece, name):
         return  # what the code calls may change it
@@ -124,20 +121,18 @@ def _used(part: ast.AST) -> Iterator[tuple[str, ast.expr]]:
             yield ast.unparse(each.value), each
 
 
-def _looked_at_again(value: ast.AST) -> Iterator[ast.expr]:
-    """Find what is compared or gets another value inside, as in `x is None or (x and x.y)`."""
-    for each in ast.walk(value):
+def _looked_at_again(*parts: ast.AST) -> set[str]:
+    """Name what is compared or gets another value inside, as in `x is None or (x and x.y)`."""
+    found: list[ast.expr] = []
+    for each in (each for part in parts for each in ast.walk(part)):
         match each:
-            case ast.Compare(left, _, _):
-                yield left
             case ast.BoolOp(_, values):
-                yield from values
-            case ast.IfExp(test, _, _) | ast.If(test) | ast.While(test):
-                yield test
-            case ast.UnaryOp(ast.Not(), operand):
-                yield operand
-            case ast.NamedExpr(target, _):
-                yield target
+                found += values
+            case ast.Compare(one) | ast.IfExp(one) | ast.If(one) | ast.While(one):
+                found.append(one)
+            case ast.UnaryOp(ast.Not(), one) | ast.NamedExpr(one):
+                found.append(one)
+    return {ast.unparse(each) for each in found}
 
 
 def _given(part: ast.AST) -> Iterator[ast.expr]:

@@ -21,7 +21,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from llfsm import errors
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, read_bundle, require_python
@@ -197,14 +197,8 @@ _MYPY_OPTIONS = (
 )  # fmt: skip
 
 
-class _Report(NamedTuple):
-    """A finding as a type checker has it; lines count from 1, columns from 0."""
-
-    file: str
-    line: int
-    column: int
-    severity: Severity
-    text: str
+_Report: TypeAlias = tuple[Finding, int]
+"""A finding as a type checker has it, and its column, from 0."""
 
 
 def check_types(machines: Iterable[Path | type[Machine]]) -> list[Finding]:
@@ -234,13 +228,14 @@ def check_types(machines: Iterable[Path | type[Machine]]) -> list[Finding]:
 
 def _finding(report: _Report, made: Mapping[str, BundleModule]) -> Iterator[Finding]:
     """Make a report a finding where the user wrote the code."""
-    module = made.get(Path(report.file).stem)  # mypy may name the file of its last run
+    found, column = report
+    module = made.get(Path(found.file).stem)  # mypy may name the file of its last run
     if module is None:
-        yield Finding(report.file, report.line, report.severity, report.text)
+        yield found
         return
-    place = module.place(report.line, report.column)
+    place = module.place(found.line, column)
     if not _IGNORED.search(_line_of(place)):
-        yield Finding(*place, report.severity, report.text)
+        yield Finding(*place, found.severity, found.text)
 
 
 def _line_of(place: Place) -> str:
@@ -327,7 +322,8 @@ def _read_mypy(output: str) -> Iterator[_Report]:
         if found := _MYPY_LINE.fullmatch(line):
             file, number, column, severity, text = found.groups()
             reported: Severity = "error" if severity == "error" else "warning"
-            yield _Report(file, int(number), int(column or 1) - 1, reported, " ".join(text.split()))
+            finding = Finding(file, int(number), reported, " ".join(text.split()))
+            yield finding, int(column or 1) - 1
 
 
 def _read_pyright(output: str) -> Iterator[_Report]:
@@ -336,6 +332,5 @@ def _read_pyright(output: str) -> Iterator[_Report]:
             start = each.get("range", {}).get("start", {"line": 0, "character": 0})
             text = ": ".join(line.strip() for line in each["message"].splitlines())
             rule = f" [{each['rule']}]" if "rule" in each else ""
-            yield _Report(
-                each["file"], start["line"] + 1, start["character"], each["severity"], text + rule
-            )
+            finding = Finding(each["file"], start["line"] + 1, each["severity"], text + rule)
+            yield finding, start["character"]

@@ -52,12 +52,10 @@ class Imports:
             )
             raise refusal(what, file, line)
         home = str(module["__name__"])
-        if self._lines.get(name, ("", home))[1] == home:
-            if name not in self._lines:
-                self._lines[name] = _import_of(name, module, file, line), home
+        if name in self._lines and self._lines[name][1] == home:
             return
         written = _import_of(name, module, file, line)
-        other, where = self._lines[name]
+        other, where = self._lines.setdefault(name, (written, home))
         if other != written:
             what = f"{name!r} is of {home} here, and of {where} elsewhere; rename one of them"
             raise refusal(what, file, line)
