@@ -115,15 +115,7 @@ class Timing:
 class MeterFields:
     """The fields of a meter that a turn counts in."""
 
-    __slots__ = (
-        "costs",
-        "fired",
-        "jitters",
-        "late_ns",
-        "overruns",
-        "since_ns",
-        "worst_overrun_ns",
-    )
+    __slots__ = ("costs", "fired", "jitters", "late_ns", "overruns", "since_ns", "worst_overrun_ns")
     costs: Histogram
     jitters: Histogram
     fired: int

@@ -18,6 +18,7 @@ import msgspec
 from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.seat import numbered_names
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
@@ -224,15 +225,12 @@ class PublishedMachine:
 
     def _take(self) -> None:
         """Claim a name that no live machine has: `P`, else `P.0`, `P.1` …, as in an arrangement."""
-        names, number = self.name, -1
-        while True:
+        for names in numbered_names(self.name):
             self._slot = self._board[status_slot(names)]
             sample = self._slot.sample()
             if sample is None or not is_live(sample):
                 break
             self.rival = self.rival or sample.message
-            number += 1
-            names = f"{self.name}.{number}"
         self.published_name = names
         if self._will is not None:  # under the name that another process has claimed, too
             self._will.withdraw()
