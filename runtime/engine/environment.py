@@ -50,9 +50,7 @@ class News:
         self._publishers: dict[str, list[tuple[str, BoundSlot[Any]]]] = {}
         self._heeded: set[BoundSlot[Any]] = set()
         self._seen: dict[BoundSlot[Any], int] = {}  # all of these slots, and what is no news there
-        self._own: list[
-            tuple[BoundSlot[Any], BoundSlot[Any]]
-        ] = []  # of one slot: reader, publisher
+        self._own: list[tuple[BoundSlot[Any], BoundSlot[Any]]] = []  # reader and publisher of one
         self._is_current = True  # whether the last two are those of the machines
         self._woken = False
 

@@ -409,11 +409,8 @@ class Seat(SeatFields):
         )
 
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
-        slot, before, instrument = (
-            self.slot_of(sensor),
-            self._aged.get(name),
-            self.kernel.instrument,
-        )
+        slot, before = self.slot_of(sensor), self._aged.get(name)
+        instrument = self.kernel.instrument
         read: Read
         if before is None and sensor.max_age_ms is None and not sensor.since_start:
             read = environment.read(self.name, name, sensor, slot)

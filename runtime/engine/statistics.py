@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound="SeatFields")
 
-
 _RANGES = 640  # those up to two hours
 
 
@@ -54,11 +53,7 @@ class Histogram:
 
 
 class Timing:
-    """Time the turns, one after the other; the stopwatch, which is one, has a meter for each name.
-
-    A turn begins when the one before it has ended, so that each costs one look at the clock. Only
-    the first of a round, and each that was waited for, begins with a look of its own.
-    """
+    """Time turns, one after the other; the stopwatch, which is one, has a meter for each name."""
 
     now: Callable[[], int]
     """The clock."""

@@ -28,6 +28,7 @@ from llfsm.errors import LlfsmError, one_line
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking.bundles import load_checked
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
+from llfsm.runtime.engine.ringlet import marks_of
 from llfsm.runtime.journal.handover import Handover, Reporter
 from llfsm.runtime.log import logger
 from llfsm.runtime.presence.published import PublishedMachine, Viewing, vacate_dead
@@ -348,17 +349,7 @@ class StatusPublisher:
     def _current_marks(self) -> dict[str, tuple[object, ...]]:
         """Collect, by machine, the objects that change with its status, without what counts."""
         return {
-            seat.name: (
-                seat.current,
-                seat.previous,
-                seat.request,
-                seat.entered_ns,
-                seat.failure,
-                seat.hang,
-                self._kernel.paused,
-                seat.overridden,
-                seat.called_by,
-            )
+            seat.name: (*marks_of(seat), self._kernel.paused, seat.overridden, seat.called_by)
             for seat in self._roster
         }
 

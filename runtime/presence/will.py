@@ -53,10 +53,9 @@ class Will:
     def leave(self) -> None:
         """Post it. A dead predecessor's, which this replaces, is executed before."""
         with suppress(MessageError):
-            before = self._slot.sample()
-            is_left = before is not None and before.message.state == "left"
-            if before and is_left and not is_alive(before.message, elsewhere=False):
-                execute(self._board, before)
+            old = self._slot.sample()
+            if old and old.message.state == "left" and not is_alive(old.message, elsewhere=False):
+                execute(self._board, old)
         try:
             self._count = self._slot.add(self._will)
         except MessageTooLargeError as error:
