@@ -368,11 +368,9 @@ def _fields(kind: Any) -> list[msgspec.inspect.Field]:
                 fields += found.fields
                 todo += [field.type for field in found.fields]
         else:
-            parts = (getattr(found, name, ()) for name in ("types", "item_types"))
-            todo += [part for several in parts for part in several]
-            for name in ("item_type", "value_type"):
-                if hasattr(found, name):
-                    todo.append(getattr(found, name))
+            names = ("types", "item_types", "item_type", "value_type")
+            for part in (getattr(found, name, ()) for name in names):
+                todo += part if isinstance(part, tuple) else (part,)
     return fields
 
 

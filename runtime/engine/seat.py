@@ -229,9 +229,8 @@ class Seat(SeatFields):
         table = type(self.machine).table
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
-        self.suspension = (
-            BoundState("Suspended") if table.suspend is None else self.states[table.suspend.name]
-        )
+        suspend = table.suspend
+        self.suspension = self.states[suspend.name] if suspend else BoundState("Suspended")
         self.current = self.remembered = self.initial
         self.previous = None
         self.source = None  # the state that it was in before

@@ -205,11 +205,8 @@ def _complete_states(cls: type, body: ClassBody, declared: Iterable[State]) -> t
     own = set()
     for state in declared:
         if not state.name or state.name in own:
-            raise DefinitionError(
-                f"{cls.__qualname__}: two states are called {state.name!r}"
-                if state.name
-                else f"{cls.__qualname__}: a state has no name"
-            )
+            what = f"two states are called {state.name!r}" if state.name else "a state has no name"
+            raise DefinitionError(f"{cls.__qualname__}: {what}")
         if state.owner is not None:
             raise DefinitionError(
                 f"{cls.__qualname__}: state {state.name!r} belongs to {state.owner.__qualname__}"

@@ -89,8 +89,7 @@ class Journal:
         inputs = () if outside or len(reads) == 1 else tuple(reads[:-1])
         reads.clear()
         kind = type(event)
-        if kind is events.RoundEnd:
-            assert isinstance(event, events.RoundEnd)
+        if isinstance(event, events.RoundEnd):
             self.add(("RoundEnd", inputs, *event[:-1], self._news(event)))
         else:
             self.add((kind.__name__, inputs, *event))

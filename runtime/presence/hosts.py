@@ -360,15 +360,9 @@ class FleetTable:
             trouble = "failed"
         elif lead_s is not None and abs(lead_s) > _WRONG_CLOCK_S:
             trouble = "clock"
-        return HostRow(
-            name,
-            name == self._names.own,
-            known.is_there,
-            None if sample is None else sample.stamp_ns,
-            lead_s,
-            None if sample is None else sample.message,
-            trouble,
-        )
+        contact_ns, summary = (None, None) if sample is None else (sample.stamp_ns, sample.message)
+        is_own = name == self._names.own
+        return HostRow(name, is_own, known.is_there, contact_ns, lead_s, summary, trouble)
 
 
 _LOOK_S = 0.25  # between two looks for what hosts have announced

@@ -73,6 +73,10 @@ def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
 def _state(state: State, layout: MachineLayout | None, sections: bool) -> DefinedState:
     drawn = None if layout is None else layout.states.get(state.name)
     paths = () if layout is None else layout.transitions.get(state.name, ())
+    box = None
+    if drawn is not None:
+        x, y, w, h = map(float, drawn[:4])
+        box = DefinedBox(x, y, w, h, drawn.expanded)
     return DefinedState(
         state.name,
         tuple(_sections(state)) if sections else (),
@@ -80,11 +84,7 @@ def _state(state: State, layout: MachineLayout | None, sections: bool) -> Define
             DefinedTransition(t.target.name, t.label, _path(paths[i]) if i < len(paths) else ())
             for i, t in enumerate(state.transitions)
         ),
-        None
-        if drawn is None
-        else DefinedBox(
-            float(drawn.x), float(drawn.y), float(drawn.w), float(drawn.h), drawn.expanded
-        ),
+        box,
     )
 
 
@@ -189,9 +189,7 @@ def _values(
 
 def _plain(value: Any) -> bool | int | float | str | None:
     kind = type(value)
-    if value is None or kind is bool or kind is float:
-        return value  # type: ignore[no-any-return]
-    if kind is int and -(2**63) <= value < 2**63:
+    if value is None or kind in (bool, float) or (kind is int and -(2**63) <= value < 2**63):
         return value  # type: ignore[no-any-return]
     if kind is not str:
         return _texts.text(value)
