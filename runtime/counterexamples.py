@@ -17,6 +17,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Turn
 from llfsm.runtime.engine.machine import MachineType
@@ -45,7 +46,6 @@ _REQUESTED = {
     "resume": "resumed",
     "restart": "restarted",
 }
-_SUFFIX = ".machine"
 
 
 # Scripts
@@ -280,18 +280,10 @@ def table_of(rows: Sequence[TurnRow], marked: int | None = None) -> str:
             continue
         if row.round > last + 1:
             cells.append(("", "", _quiet_rounds(row.round - last - 1)))
-        new = row.round != last
+        when = str(row.round), f"{row.time_ns / 1e6:.10g} ms"
+        when = ("", "") if row.round == last else when
         last = row.round
-        cells.append(
-            (
-                str(row.round) if new else "",
-                f"{row.time_ns / 1e6:.10g} ms" if new else "",
-                row.machine,
-                row.saw,
-                row.did,
-                row.posted,
-            )
-        )
+        cells.append((*when, row.machine, row.saw, row.did, row.posted))
     if rows and rows[-1].round > last:
         cells.append(("", "", _quiet_rounds(rows[-1].round - last)))
     table = [row for row in cells if len(row) == len(_HEAD)]
@@ -334,15 +326,8 @@ def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
         did.insert(0, f"is {_REQUESTED[request]}")
     if fired or request is None:
         did.insert(0, fired or f"in {first['state']}")
-    return TurnRow(
-        first["round"],
-        first["time_ns"],
-        first["machine"],
-        ", ".join(saw),
-        ", ".join(did),
-        ", ".join(posted),
-        not new,
-    )
+    texts = ", ".join(saw), ", ".join(did), ", ".join(posted)
+    return TurnRow(first["round"], first["time_ns"], first["machine"], *texts, quiet=not new)
 
 
 def _slots_of(seats: Iterable[Seat]) -> dict[str, Slot[Any]]:
@@ -392,7 +377,7 @@ def _machine(text: PythonText, member: Member, folder: Path | None) -> str:
     """Write an expression for a machine as `play` takes it."""
     machine = member.machine
     bundle = Path(machine.table.path) if isinstance(machine, MachineType) else Path()
-    if bundle.suffix == _SUFFIX:
+    if bundle.suffix == SUFFIX:
         load = text.imported("llfsm.runtime.bundles", "load_bundle")
         path = text.imported("pathlib", "Path")
         here = "" if folder is None else f"{path}(__file__).parent / "

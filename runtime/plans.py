@@ -31,6 +31,7 @@ from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
+from llfsm.runtime.engine.seat import numbered_names
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -145,9 +146,8 @@ def names_of(plan: Plan, classes: Iterable[str]) -> list[str]:
     names: dict[int, str] = {}
     given = list(enumerate(zip(plan.machines, classes, strict=True)))
     for number, (planned, cls) in sorted(given, key=lambda each: each[1][0].preload):
-        name = planned.name or cls
-        all_names = [name, *(f"{name}.{count}" for count in range(len(names)))]
-        names[number] = next(free for free in all_names if free not in names.values())
+        candidates = numbered_names(planned.name or cls)
+        names[number] = next(free for free in candidates if free not in names.values())
     return [names[number] for number in range(len(names))]
 
 
@@ -208,8 +208,7 @@ def _check_plan(plan: Plan) -> None:
             raise ConfigurationError("is either loaded suspended or preloaded, not both", where)
         if planned.preload and (planned.name or planned.variables or planned.slots):
             raise ConfigurationError(
-                "is only preloaded: what loads it gives it name, variables and slots",
-                where,
+                "is only preloaded: what loads it gives it name, variables and slots", where
             )
         _check_turns((planned,), where)
     _check_turns(plan.machines, ("machine",))
@@ -247,9 +246,10 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
         found = _WHERE.search(str(error))
         where = _steps(found[1]) if found else ()
         what = _WHERE.sub("", str(error))
-        key = _unknown_key(what)
+        unknown = re.search(r"unknown field `(.*)`", what)
+        key = unknown and unknown[1]
         if key is not None:
-            keys = set(_keys(kind))
+            keys = {field.encode_name for field in _fields(kind)}
             near = "; another table has it" if key in keys else did_you_mean(key, keys)
             what = f"there is no key {key!r} here{near}"
         else:
@@ -348,22 +348,12 @@ def _remedy(what: str, where: Path_, kind: Any) -> str:
     return "; write it without quotes" if got == "str" else ""
 
 
-def _unknown_key(what: str) -> str | None:
-    found = re.search(r"unknown field `(.*)`", what)
-    return found[1] if found else None
-
-
 def _choices(kind: Any, where: Path_) -> list[str]:
     """List the texts that a value in a `kind` can be, by its key on whatever level."""
     types = [field.type for field in _fields(kind) if field.encode_name == (where or ("",))[-1]]
     types += [each for found in types for each in getattr(found, "types", ())]
     literals = (each for each in types if isinstance(each, msgspec.inspect.LiteralType))
     return [value for each in literals for value in each.values if isinstance(value, str)]
-
-
-def _keys(kind: Any) -> set[str]:
-    """List the keys that tables of `kind` can have, on whatever level."""
-    return {field.encode_name for field in _fields(kind)}
 
 
 def _fields(kind: Any) -> list[msgspec.inspect.Field]:
@@ -378,11 +368,9 @@ def _fields(kind: Any) -> list[msgspec.inspect.Field]:
                 fields += found.fields
                 todo += [field.type for field in found.fields]
         else:
-            parts = (getattr(found, name, ()) for name in ("types", "item_types"))
-            todo += [part for several in parts for part in several]
-            for name in ("item_type", "value_type"):
-                if hasattr(found, name):
-                    todo.append(getattr(found, name))
+            names = ("types", "item_types", "item_type", "value_type")
+            for part in (getattr(found, name, ()) for name in names):
+                todo += part if isinstance(part, tuple) else (part,)
     return fields
 
 
@@ -445,14 +433,13 @@ def read_dispatch_table(file: Path) -> DispatchTable:
         ]
         _check_slots(machines, slots)
     except _LineError as error:
-        raise ConfigurationError(error.what, file=file, line=error.line) from error
+        line, what = error.args
+        raise ConfigurationError(what, file=file, line=line) from error
     return DispatchTable(machines=machines, slots=tuple(slot[1:] for slot in slots))
 
 
 class _LineError(Exception):
-    def __init__(self, line: int, what: str):
-        self.line = line
-        self.what = what
+    """The number of a line, and what is wrong with it."""
 
 
 def _machine(line: int, text: str) -> PlannedMachine:

@@ -6,10 +6,11 @@ from typing_extensions import disjoint_base
 
 from .events import Request
 from .machine import Machine
-from .ringlet import BoundSensor, BoundState, BoundTransition, Running
+from .ringlet import BoundSensor, BoundState, Running
+from .ringlet import StateFields as StateFields
 from .seat import Failure, Seat
-from .state import SectionCode
 from .statistics import Meter
+from .statistics import MeterFields as MeterFields
 
 @disjoint_base
 class SeatFields:
@@ -28,16 +29,6 @@ class SeatFields:
     failure: Failure | None
     hang: str
 
-@disjoint_base
-class StateFields:
-    on_entry: SectionCode | None
-    on_exit: SectionCode | None
-    internal: SectionCode | None
-    on_suspend: SectionCode | None
-    on_resume: SectionCode | None
-    transitions: tuple[BoundTransition, ...]
-    spent_ns: int
-
 @final
 class Histogram:
     total: int
@@ -45,16 +36,6 @@ class Histogram:
     @property
     def counts(self) -> list[int]: ...
     def add(self, ns: int, /) -> None: ...
-
-@disjoint_base
-class MeterFields:
-    costs: Histogram
-    jitters: Histogram
-    fired: int
-    overruns: int
-    worst_overrun_ns: int
-    since_ns: int
-    late_ns: int
 
 @disjoint_base
 class Timing:

@@ -311,12 +311,7 @@ class Arrangement:
         from llfsm.whiteboard.message_text import html_table  # here, as few arrangements are in one
 
         rows = [
-            (
-                seat.name,
-                seat.current.name,
-                self.status(seat.name).name.lower(),
-                seat.ringlets,
-            )
+            (seat.name, seat.current.name, self.status(seat.name).name.lower(), seat.ringlets)
             for seat in self.roster
         ]
         return html_table(("machine", "state", "status", "turns"), rows)

@@ -121,9 +121,7 @@ class DebugClock(Clock):
         """Return the host's clock."""
         return MonotonicClock()
 
-    def of_statuses(self) -> Clock:
-        """Return the host's clock."""
-        return MonotonicClock()
+    of_statuses = of_messages
 
 
 class ManualClock(Clock):

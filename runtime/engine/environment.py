@@ -50,9 +50,7 @@ class News:
         self._publishers: dict[str, list[tuple[str, BoundSlot[Any]]]] = {}
         self._heeded: set[BoundSlot[Any]] = set()
         self._seen: dict[BoundSlot[Any], int] = {}  # all of these slots, and what is no news there
-        self._own: list[
-            tuple[BoundSlot[Any], BoundSlot[Any]]
-        ] = []  # of one slot: reader, publisher
+        self._own: list[tuple[BoundSlot[Any], BoundSlot[Any]]] = []  # reader and publisher of one
         self._is_current = True  # whether the last two are those of the machines
         self._woken = False
 
@@ -147,16 +145,13 @@ class Elsewhere(Protocol):
     @property
     def state(self) -> str:
         """The name of its state."""
-        ...
 
     @property
     def suspended(self) -> bool:
         """True if it is in its suspend state."""
-        ...
 
     def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
         """Send it a request for its next turn and return its status before."""
-        ...
 
 
 class Attendant(Protocol):
@@ -165,32 +160,25 @@ class Attendant(Protocol):
     @property
     def reachable(self) -> bool:
         """True if another process can resume a machine that has failed."""
-        ...
 
     @property
     def due_ns(self) -> int:
         """When there is something to publish again, if nothing happens before."""
-        ...
 
     def obey(self) -> bool:
         """Obey the requests that have come, and return whether any may have."""
-        ...
 
     def look(self, *, idle: bool) -> None:
         """Obey requests and publish what has changed, if there is time (`idle`) or it is due."""
-        ...
 
     def beat(self) -> None:
         """Obey requests and publish all statuses, though time may stand still."""
-        ...
 
     def publish_hang(self, name: str) -> None:
         """Publish that code of a machine hangs; called by another thread."""
-        ...
 
     def end(self) -> None:
         """Publish that the machines are gone."""
-        ...
 
 
 class AgedRead(Protocol):
@@ -201,11 +189,9 @@ class AgedRead(Protocol):
 
     def __call__(self) -> object:
         """Return the latest message; None if there is none or it is too old."""
-        ...
 
     def age_ns(self) -> int | None:
         """Return the age of the message that was read last, in nanoseconds; None without one."""
-        ...
 
 
 class OverriddenSlot:

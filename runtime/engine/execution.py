@@ -97,7 +97,9 @@ class Execution:
                 return Reason.STOPPED
             self._woken = False
             if not self._is_paced and not fired and self._pace.idle_us:
-                self._sleep(self._pace.idle_us * 1_000)
+                deadline_ns = self._now() + self._pace.idle_us * 1_000
+                self._report_sleep(self._pace.idle_us * 1_000)
+                self._sleep_on(deadline_ns)
             elif kernel.rounds % _BUSY_ROUNDS == 0:
                 self._kernel.look_at_world()
             if finished:
@@ -115,13 +117,8 @@ class Execution:
         self._nap(due_ns, self._is_over, kernel.environment.clock.sleep_until_ns)
         return not self._is_over()
 
-    def _sleep(self, duration_ns: int) -> None:
-        """Sleep between rounds; news, a request or a stop cuts it short."""
-        deadline_ns = self._now() + duration_ns
-        self._report_sleep(duration_ns)
-        self._sleep_on(deadline_ns)
-
     def _sleep_on(self, deadline_ns: int) -> None:
+        """Sleep between rounds; news, a request or a stop cuts it short."""
         kernel = self._kernel
         stopping = kernel.stopping
         self._woken = self._nap(

@@ -16,16 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from threading import get_ident
-from typing import (
-    TYPE_CHECKING,
-    Any,
-    Literal,
-    Protocol,
-    TypeAlias,
-    TypedDict,
-    TypeVar,
-    Unpack,
-)
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
 
 from llfsm.runtime.engine.environment import Attendant, Environment, Read
 from llfsm.runtime.engine.errors import (
@@ -86,31 +77,24 @@ class Instrument(Protocol):
 
     def bound(self, seat: Seat) -> None:
         """Wrap what is of interest of a machine's table, which has just been bound."""
-        ...
 
     def reading(self, seat: Seat, slot: str, read: Read) -> Read:
         """Wrap `read`, the reader of a sensor of `slot`, or return it as it is."""
-        ...
 
     def look(self) -> None:
         """Do what is due; called several times a second where requests come from outside."""
-        ...
 
     def end_lease(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
-        ...
 
     def left_s(self, machine: str, sensor: str) -> float | None:
         """Return the seconds for which a sensor stays overridden; None until a release."""
-        ...
 
     def pause_left_s(self) -> float | None:
         """Return the seconds until a pause ends, unless renewed; None if only a request does."""
-        ...
 
     def failed(self, seat: Seat, error: ExecutionError) -> None:
         """Note that code of a machine has raised; what comes of that waits for the return."""
-        ...
 
 
 class Loader:

@@ -309,10 +309,7 @@ def _called_by(machine: Loadable) -> str:
     return machine.__name__ if isinstance(machine, type) else type(machine).__name__
 
 
-if TYPE_CHECKING:
-    M_co = TypeVar("M_co", bound=Machine, covariant=True)
-else:
-    M_co = TypeVar("M_co", covariant=True)
+M_co = TypeVar("M_co", bound=Machine, covariant=True)
 
 
 class Submachine(Polled, Generic[M_co]):

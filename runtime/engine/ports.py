@@ -9,7 +9,10 @@ from llfsm.runtime.engine.errors import ActuatorClosedError, DefinitionError, No
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
-
+    from llfsm.whiteboard.message import M
+else:
+    M = TypeVar("M")  # importing the whiteboard is left to programs that use one
+D = TypeVar("D")
 
 MOST = 100_000
 """Values of a domain; far fewer already make too many states."""
@@ -53,14 +56,6 @@ def messages_of_domain(slot: Slot[Any], domain: object) -> tuple[Any, ...]:
     if not found:
         raise DefinitionError("the domain is empty")
     return tuple(found.values())
-
-
-if TYPE_CHECKING:
-    from llfsm.whiteboard import Slot
-    from llfsm.whiteboard.message import M
-else:
-    M = TypeVar("M")  # importing the whiteboard is left to programs that use one
-D = TypeVar("D")
 
 
 class Sensor(Generic[M, D]):

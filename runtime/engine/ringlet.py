@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from llfsm.runtime.engine.clock import NEVER
@@ -43,15 +44,6 @@ Running: TypeAlias = tuple["BoundState", "Callable[[Any], object] | None", int]
 class StateFields:
     """The fields of a bound state that a turn uses."""
 
-    __slots__ = (
-        "internal",
-        "on_entry",
-        "on_exit",
-        "on_resume",
-        "on_suspend",
-        "spent_ns",
-        "transitions",
-    )
     on_entry: SectionCode | None
     on_exit: SectionCode | None
     internal: SectionCode | None
@@ -64,22 +56,6 @@ class StateFields:
 class SeatFields:
     """The fields of a seat that a turn uses."""
 
-    __slots__ = (
-        "current",
-        "entered_ns",
-        "failure",
-        "hang",
-        "machine",
-        "meter",
-        "notifies",
-        "now",
-        "previous",
-        "request",
-        "sensors",
-        "source",
-        "suspension",
-        "timed",
-    )
     machine: Any
     request: Request | None
     sensors: tuple[BoundSensor, ...]
@@ -217,10 +193,10 @@ class Rotation(Generic[S]):
         Return True if a transition fired in the last round. A round that changes nothing is what a
         machine that waits has most of: so here it costs its turns, and little else.
         """
-        turn, before = self._turn, [_marks(seat) for seat in seats]
+        turn, before = self._turn, [marks_of(seat) for seat in seats]
         while self._gate is None or self._gate():
             fired = self.give_round(seats)
-            is_same = self._turn is turn and [_marks(seat) for seat in seats] == before
+            is_same = self._turn is turn and [marks_of(seat) for seat in seats] == before
             if fired or not is_same or not sleep():
                 return fired
         return False
@@ -238,19 +214,12 @@ class Rotation(Generic[S]):
         raise NotImplementedError
 
 
-def _marks(seat: SeatFields | None) -> tuple[object, ...]:
+_changing = attrgetter("current", "previous", "request", "entered_ns", "failure", "hang")
+
+
+def marks_of(seat: SeatFields | None) -> tuple[object, ...]:
     """Collect the objects of which another one is there if the machine's standing has changed."""
-    if seat is None:
-        return ()
-    return (
-        seat,
-        seat.current,
-        seat.previous,
-        seat.request,
-        seat.entered_ns,
-        seat.failure,
-        seat.hang,
-    )
+    return () if seat is None else (seat, *_changing(seat))
 
 
 defined_ringlet = ringlet

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
+from itertools import count
 from math import floor
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -228,9 +229,8 @@ class Seat(SeatFields):
         table = type(self.machine).table
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
-        self.suspension = (
-            BoundState("Suspended") if table.suspend is None else self.states[table.suspend.name]
-        )
+        suspend = table.suspend
+        self.suspension = self.states[suspend.name] if suspend else BoundState("Suspended")
         self.current = self.remembered = self.initial
         self.previous = None
         self.source = None  # the state that it was in before
@@ -376,7 +376,7 @@ class Seat(SeatFields):
         if self.meter is not None:  # which counts the time in the states of the one before
             self.meter.unseat(self.kernel.environment.clock.now_ns())
             self.meter = self.timed = None
-        self._post_safe(before, "at_end", self.kernel.environment.whiteboard)
+        self.post_safe("at_end", self.kernel.environment.whiteboard, before)
         self._close_actuators(before)
         self.held = self.held and self.request is Request.SUSPEND
         self._begin()
@@ -408,23 +408,16 @@ class Seat(SeatFields):
         )
 
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
-        read, instrument = (
-            self._plain_reader(environment, name, sensor),
-            self.kernel.instrument,
-        )
-        return (
-            read
-            if instrument is None
-            else instrument.reading(self, self.slot_of(sensor).name, read)
-        )
-
-    def _plain_reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
         slot, before = self.slot_of(sensor), self._aged.get(name)
+        instrument = self.kernel.instrument
+        read: Read
         if before is None and sensor.max_age_ms is None and not sensor.since_start:
-            return environment.read(self.name, name, sensor, slot)
-        start = None if before is None else before.start_count
-        aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot, start)
-        return aged
+            read = environment.read(self.name, name, sensor, slot)
+        else:
+            start = None if before is None else before.start_count
+            aged = environment.read_aged(self.name, name, sensor, slot, start)
+            read = self._aged[name] = aged
+        return read if instrument is None else instrument.reading(self, slot.name, read)
 
     def age_ns(self, name: str) -> int | None:
         """Return the age of a sensor's message in the snapshot, in nanoseconds, if there is one."""
@@ -485,17 +478,16 @@ class Seat(SeatFields):
             self.kernel.environment.wake()
 
     def post_safe(
-        self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None
-    ) -> None:
-        """Post the safe values of the machine's actuators for `when`, or post them to `board`."""
-        self._post_safe(self.machine, when, board)
-
-    def _post_safe(
         self,
-        machine: Machine,
         when: Literal["at_suspend", "at_end", "at_failure"],
-        board: Board | None,
+        board: Board | None = None,
+        machine: Machine | None = None,
     ) -> None:
+        """Post the safe values of the machine's actuators for `when`, or post them to `board`.
+
+        `machine` is the one before, if it is another one that ends.
+        """
+        machine = machine or self.machine
         stops = when == "at_end" and self.failure and self.kernel.on_error == "stop"
         for name, actuator in type(machine).table.actuators.items():
             message = getattr(actuator, when)
@@ -579,14 +571,9 @@ class Seat(SeatFields):
         return state.name, "a section"
 
     def _steps(self, state: BoundState, code: object) -> Iterator[str]:
-        if state.on_entry is code:
-            yield "OnEntry"
-        if state.on_exit is code:
-            yield "OnExit"
-        if state.internal is code:
-            yield "Internal"
-        if state.on_resume is code:
-            yield "OnResume"
+        for section in ("on_entry", "on_exit", "internal", "on_resume"):
+            if getattr(state, section) is code:
+                yield section.title().replace("_", "")
         for number, (_, guard, _) in enumerate(state.transitions):
             if guard is code:
                 yield f"transition {self.declared(state).transitions[number].label}"
@@ -597,6 +584,12 @@ def _text(describe: Callable[[object], str], value: object) -> str:
         return describe(value)
     except Exception as error:  # of a class of the machine's own
         return f"({type(error).__name__} while it was described)"
+
+
+def numbered_names(name: str) -> Iterator[str]:
+    """Yield the names for machines called `name`, as `P`, `P.0`, `P.1` … for `P`."""
+    yield name
+    yield from (f"{name}.{number}" for number in count())
 
 
 class Roster:
@@ -658,13 +651,8 @@ class Roster:
         return next(holes, len(self.seats))
 
     def free_name(self, name: str) -> str:
-        """Return `name`, or `name.0`, `name.1` … if it is taken."""
-        if name not in self.named:
-            return name
-        number = 0
-        while f"{name}.{number}" in self.named:
-            number += 1
-        return f"{name}.{number}"
+        """Return the first of the names for machines called `name` that is not taken."""
+        return next(free for free in numbered_names(name) if free not in self.named)
 
     def add(self, seat: Seat) -> None:
         """Put a seat at its index, which `free_index` has returned."""

@@ -1,20 +1,19 @@
 """Source texts of functions, and where they are: for labels, drawings and checks.
 
-`ast` is imported where it is used, because running a machine needs none of this.
+The engine imports this when a text is asked for, because a machine that runs alone needs none.
 """
 
 from __future__ import annotations
 
+import ast
+import linecache
 from collections.abc import Callable, Iterator
 from functools import lru_cache
+from textwrap import dedent
 from types import CodeType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
-if TYPE_CHECKING:
-    import ast
-
-    FunctionSyntax: TypeAlias = ast.FunctionDef | ast.Lambda
-
+FunctionSyntax: TypeAlias = ast.FunctionDef | ast.Lambda
 
 EXPRESSION = "<expression>"
 """The name of a function whose file holds nothing but the expression that it returns."""
@@ -29,12 +28,6 @@ class TextOnly:
     def __call__(self, machine: Any) -> None:
         """Raise: there is no code."""
         raise TypeError("only the text of this section is known: it cannot be run")
-
-
-def location_of(function: Callable[..., Any]) -> tuple[str, int] | None:
-    """Return file and line of `function`, or None if it is not a Python function."""
-    code = getattr(function, "__code__", None)
-    return None if code is None else (code.co_filename, code.co_firstlineno)
 
 
 def syntax_of(function: object) -> FunctionSyntax | None:
@@ -61,8 +54,6 @@ def body_of(function: Callable[..., Any]) -> str | None:
 
     That of a bundle's section is all of its file.
     """
-    import ast
-
     if isinstance(function, TextOnly):
         return function.text
     code = getattr(function, "__code__", None)
@@ -85,9 +76,6 @@ def parse_file(filename: str) -> tuple[str, ast.Module] | None:
 
     A file that has changed since then is not read again.
     """
-    import ast
-    import linecache
-
     text = "".join(linecache.getlines(filename))
     try:
         return (text, ast.parse(text)) if text else None
@@ -97,8 +85,6 @@ def parse_file(filename: str) -> tuple[str, ast.Module] | None:
 
 def _lines_of(lines: list[str], node: ast.FunctionDef, body: list[ast.stmt]) -> str:
     """Return the lines of statements, with the comments right above them."""
-    from textwrap import dedent
-
     start, end = body[0].lineno, body[-1].end_lineno
     if start == node.lineno:  # def f(self): a; b
         return lines[start - 1].encode()[body[0].col_offset :].decode()
@@ -110,8 +96,6 @@ def _lines_of(lines: list[str], node: ast.FunctionDef, body: list[ast.stmt]) -> 
 @lru_cache(maxsize=1024)
 def _expression(filename: str, code: CodeType) -> str | None:
     """Find the expression of `code`; of another file, equal code may be written differently."""
-    import ast
-
     parsed = parse_file(filename)
     if parsed is None:
         return None
@@ -133,8 +117,6 @@ def _expression(filename: str, code: CodeType) -> str | None:
 
 @lru_cache(maxsize=1024)
 def _syntax(filename: str, code: CodeType) -> FunctionSyntax | None:
-    import ast
-
     here = _functions(filename).get(code.co_firstlineno, ())
     if code.co_name == "<lambda>":
         return _lambda([node for node in here if isinstance(node, ast.Lambda)], code)
@@ -147,8 +129,6 @@ def _syntax(filename: str, code: CodeType) -> FunctionSyntax | None:
 @lru_cache(maxsize=16)
 def _functions(filename: str) -> dict[int, list[FunctionSyntax]]:
     """Return the functions and lambdas of a file by the line on which each begins."""
-    import ast
-
     parsed = parse_file(filename)
     found: dict[int, list[FunctionSyntax]] = {}
     for node in ast.walk(parsed[1]) if parsed else ():
@@ -162,8 +142,6 @@ def _functions(filename: str) -> dict[int, list[FunctionSyntax]]:
 
 def _lambda(on_line: list[ast.Lambda], code: CodeType) -> ast.Lambda | None:
     """Return the lambda that `code` was compiled from, by compiling those on its line again."""
-    import ast
-
     if len(on_line) > 1:
         wanted = _fingerprint(code)
         on_line = [
@@ -177,8 +155,6 @@ def _lambda(on_line: list[ast.Lambda], code: CodeType) -> ast.Lambda | None:
 
 
 def _code_of(node: ast.Lambda, filename: str) -> Iterator[CodeType]:
-    import ast
-
     outer = compile(ast.Expression(node), filename, "eval", dont_inherit=True)
     yield from (each for each in outer.co_consts if isinstance(each, CodeType))
 
@@ -195,6 +171,4 @@ def _fingerprint(code: CodeType) -> object:
 
 
 def _undocumented(function: ast.FunctionDef) -> list[ast.stmt]:
-    import ast
-
     return function.body[ast.get_docstring(function, clean=False) is not None :]

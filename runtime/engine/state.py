@@ -13,7 +13,6 @@ from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
 from llfsm.runtime.engine.errors import DefinitionError
-from llfsm.runtime.engine.source_text import expression_of, location_of
 
 SectionCode: TypeAlias = Callable[[Any], None]
 Guard: TypeAlias = Callable[[Any], bool]
@@ -204,6 +203,8 @@ class Transition:
     @property
     def expression(self) -> str | None:
         """The source text of the guard's expression; None without guard or without source."""
+        from llfsm.runtime.engine.source_text import expression_of  # here, as it needs `ast`
+
         return None if self.guard is None else expression_of(self.guard)
 
     @property
@@ -221,6 +222,12 @@ class Transition:
         twin = Transition(source, self.target, self._declared, None, None, self._label)
         twin.guard, twin.after_ms, twin.timed = self.guard, self.after_ms, self.timed
         return twin
+
+
+def location_of(function: Callable[..., Any]) -> tuple[str, int] | None:
+    """Return file and line of `function`, or None if it is not a Python function."""
+    code = getattr(function, "__code__", None)
+    return None if code is None else (code.co_filename, code.co_firstlineno)
 
 
 def _check_code(state: State, what: str, code: object) -> None:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound="SeatFields")
 
-
 _RANGES = 640  # those up to two hours
 
 
@@ -54,11 +53,7 @@ class Histogram:
 
 
 class Timing:
-    """Time the turns, one after the other; the stopwatch, which is one, has a meter for each name.
-
-    A turn begins when the one before it has ended, so that each costs one look at the clock. Only
-    the first of a round, and each that was waited for, begins with a look of its own.
-    """
+    """Time turns, one after the other; the stopwatch, which is one, has a meter for each name."""
 
     now: Callable[[], int]
     """The clock."""
@@ -115,15 +110,7 @@ class Timing:
 class MeterFields:
     """The fields of a meter that a turn counts in."""
 
-    __slots__ = (
-        "costs",
-        "fired",
-        "jitters",
-        "late_ns",
-        "overruns",
-        "since_ns",
-        "worst_overrun_ns",
-    )
+    __slots__ = ("costs", "fired", "jitters", "late_ns", "overruns", "since_ns", "worst_overrun_ns")
     costs: Histogram
     jitters: Histogram
     fired: int

@@ -12,15 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from types import FunctionType, MappingProxyType
-from typing import (
-    Any,
-    ClassVar,
-    Final,
-    ForwardRef,
-    NamedTuple,
-    TypeAlias,
-    get_origin,
-)
+from typing import Any, ClassVar, Final, ForwardRef, NamedTuple, TypeAlias, get_origin
 
 from llfsm.runtime.engine.errors import DefinitionError, UnreachableStateWarning, VariableError
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -100,9 +92,8 @@ class Variable(NamedTuple):
     @property
     def type(self) -> Any:
         """The annotated type; Any if it names what only type checkers import."""
-        text = _annotations(self.owner).get(
-            self.name, self.annotation
-        )  # by now, later classes exist
+        # by now, later classes exist
+        text = _annotations(self.owner).get(self.name, self.annotation)
         if isinstance(text, ForwardRef):
             text = text.__forward_arg__
         if not isinstance(text, str):
@@ -214,11 +205,8 @@ def _complete_states(cls: type, body: ClassBody, declared: Iterable[State]) -> t
     own = set()
     for state in declared:
         if not state.name or state.name in own:
-            raise DefinitionError(
-                f"{cls.__qualname__}: two states are called {state.name!r}"
-                if state.name
-                else f"{cls.__qualname__}: a state has no name"
-            )
+            what = f"two states are called {state.name!r}" if state.name else "a state has no name"
+            raise DefinitionError(f"{cls.__qualname__}: {what}")
         if state.owner is not None:
             raise DefinitionError(
                 f"{cls.__qualname__}: state {state.name!r} belongs to {state.owner.__qualname__}"
@@ -320,13 +308,8 @@ def dead_transitions(state: str, leads: Iterable[tuple[str, bool]]) -> Iterator[
     first = None
     for number, (target, always) in enumerate(leads):
         if first is not None:
-            yield (
-                number,
-                (
-                    f"state {state!r}: the transition to {target!r} can never fire, the one to "
-                    f"{first!r} before it always does"
-                ),
-            )
+            what = f"the transition to {target!r} can never fire, the one to {first!r} before it"
+            yield number, f"state {state!r}: {what} always does"
         elif always:
             first = target
 

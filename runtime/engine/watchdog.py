@@ -86,11 +86,7 @@ class Watchdog:
     It watches the thread that makes it, from `start` to `stop`.
     """
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        limit_s: float,
-    ):
+    def __init__(self, kernel: Kernel, limit_s: float):
         self._kernel = kernel
         self._limit_s = limit_s
         self._watched = threading.get_ident()

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, get_args
 
 import msgspec
 
@@ -53,21 +53,7 @@ FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Posted": ("machine", "actuator", "slot", "message", "count"),
     "Asked": ("action", "machine"),
     "Answered": ("machine", "answer"),
-} | {
-    kind.__name__: ("reads", *kind._fields)
-    for kind in (
-        events.RoundBegin,
-        events.Turn,
-        events.Section,
-        events.Eval,
-        events.Call,
-        events.Accepting,
-        events.Failed,
-        events.RoundEnd,
-        events.IdleSleep,
-        events.End,
-    )
-}
+} | {kind.__name__: ("reads", *kind._fields) for kind in get_args(events.Event)}
 """The names of the fields of each kind of entry."""
 
 
@@ -103,8 +89,7 @@ class Journal:
         inputs = () if outside or len(reads) == 1 else tuple(reads[:-1])
         reads.clear()
         kind = type(event)
-        if kind is events.RoundEnd:
-            assert isinstance(event, events.RoundEnd)
+        if isinstance(event, events.RoundEnd):
             self.add(("RoundEnd", inputs, *event[:-1], self._news(event)))
         else:
             self.add((kind.__name__, inputs, *event))

@@ -7,19 +7,12 @@ for the journal.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from llfsm.runtime.engine.clock import Clock
-from llfsm.runtime.engine.environment import (
-    AgedRead,
-    Attendant,
-    Elsewhere,
-    Environment,
-    Post,
-    Read,
-)
+from llfsm.runtime.engine.environment import AgedRead, Elsewhere, Environment, Post, Read
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.journal.entries import Journal
@@ -31,6 +24,9 @@ if TYPE_CHECKING:
 
 
 A = TypeVar("A")
+
+_NOT_KEPT = ("attend", "sleep_until_ns", "wake", "peek_ns", "overridden", "claim", "retire")
+"""What the other environment does alone: machines learn nothing by it, or learn it elsewhere."""
 
 
 class JournalledEnvironment(Environment):
@@ -47,6 +43,8 @@ class JournalledEnvironment(Environment):
         self._latest: dict[tuple[str, str], list[object]] = {}  # what each sensor has found
         self._arrangement: Arrangement | None = None
         self._deferred: str | None = None  # the cause of a stop
+        for name in _NOT_KEPT:
+            setattr(self, name, getattr(inner, name))
 
     @property
     def whiteboard(self) -> Board | None:  # type: ignore[override]  # a property here
@@ -65,22 +63,6 @@ class JournalledEnvironment(Environment):
         self.journal.between = self._stop_deferred
         self.journal.closed = self._close
         arrangement.attach(self.journal)
-
-    def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Let the other environment attend."""
-        return self._inner.attend(arrangement)
-
-    def sleep_until_ns(self, deadline_ns: int) -> bool:
-        """Sleep in the other environment: what ended a sleep need not be kept."""
-        return self._inner.sleep_until_ns(deadline_ns)
-
-    def wake(self) -> None:
-        """Let the sleep in the other environment end."""
-        self._inner.wake()
-
-    def peek_ns(self) -> int:
-        """Return the time, which is not kept."""
-        return self._inner.peek_ns()
 
     @contextmanager
     def paused(self) -> Iterator[None]:
@@ -149,14 +131,6 @@ class JournalledEnvironment(Environment):
         self._inner.release(machine, slot)
         self.journal.add(("Released", machine, slot.name))
 
-    def overridden(self, machine: str) -> Container[str]:
-        """Return the names of the slots that are overridden in the other environment."""
-        return self._inner.overridden(machine)
-
-    def claim(self, machine: str, slots: Mapping[Slot[Any], bool]) -> None:
-        """Claim the slots in the other environment."""
-        self._inner.claim(machine, slots)
-
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Return a machine of another process whose answers are kept."""
         try:
@@ -184,10 +158,6 @@ class JournalledEnvironment(Environment):
         self._inner.loaded(machine, path)
         if self.journal.outside:
             self.journal.add(("Loaded", machine, path))
-
-    def retire(self, machine: str) -> None:
-        """Retire what the machine reads and posts by in the other environment."""
-        self._inner.retire(machine)
 
     def unloaded(self, machine: str) -> None:
         """Let nothing be posted for the machine in the other environment."""

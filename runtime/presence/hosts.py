@@ -71,7 +71,9 @@ class HostNames:
         with suppress(WhiteboardError):
             if any(info.name == MIRROR.name for info in board.slots()):
                 sample = board[MIRROR].sample()
-        self.is_mirrored = sample is not None and _is_mirrored(sample, silent_s)
+        self.is_mirrored = sample is not None and (  # a local daemon may be as slow as it likes
+            time.monotonic_ns() - sample.stamp_ns < silent_s * 1e9 or writer_lives(sample)
+        )
         self.own = "" if sample is None else sample.message.name
         """The name of this host; empty if it has none."""
         self._naming = Naming(self.own, () if sample is None else sample.message.fleet)
@@ -103,11 +105,6 @@ class HostNames:
         board.add_message(viewer_slot("" if host == self.own else host), viewer)
 
 
-def _is_mirrored(sample: Sample[MirrorStatus], silent_s: float) -> bool:
-    """Check that the daemon runs; one of this PID namespace may be as slow as it likes."""
-    return time.monotonic_ns() - sample.stamp_ns < silent_s * 1e9 or writer_lives(sample)
-
-
 class FleetReader:
     """Read what hosts have until the end of a ``with`` block.
 
@@ -120,12 +117,7 @@ class FleetReader:
     """
 
     def __init__(
-        self,
-        board: Board,
-        host: str = "",
-        *,
-        machines: bool = False,
-        silent_s: float = _SILENT_S,
+        self, board: Board, host: str = "", *, machines: bool = False, silent_s: float = _SILENT_S
     ) -> None:
         self._board = board
         self._silent_s = silent_s
@@ -153,9 +145,9 @@ class FleetReader:
                 if host != self.names.own:
                     for folder in self._announced(host):
                         if not self._machines or folder == MACHINES + host:
-                            self._keep_read(folder)
+                            keep_read(self._board, folder, self._read)
             if not self._host and not self.names.own:  # those of hosts without a name
-                self._keep_read(MACHINES.removesuffix("/"))
+                keep_read(self._board, MACHINES.removesuffix("/"), self._read)
 
     def hosts(self) -> tuple[str, ...]:
         """Return the names of the hosts that can be reached, and whose slots have names here."""
@@ -220,9 +212,6 @@ class FleetReader:
         self._read.setdefault(slot.name, slot)
         message = self._board[slot].get()
         return () if message is None else message.folders
-
-    def _keep_read(self, folder: str) -> None:
-        keep_read(self._board, folder, self._read)
 
 
 def keep_read(board: Board, folder: str, read: dict[str, Slot[Any]]) -> None:
@@ -371,15 +360,9 @@ class FleetTable:
             trouble = "failed"
         elif lead_s is not None and abs(lead_s) > _WRONG_CLOCK_S:
             trouble = "clock"
-        return HostRow(
-            name,
-            name == self._names.own,
-            known.is_there,
-            None if sample is None else sample.stamp_ns,
-            lead_s,
-            None if sample is None else sample.message,
-            trouble,
-        )
+        contact_ns, summary = (None, None) if sample is None else (sample.stamp_ns, sample.message)
+        is_own = name == self._names.own
+        return HostRow(name, is_own, known.is_there, contact_ns, lead_s, summary, trouble)
 
 
 _LOOK_S = 0.25  # between two looks for what hosts have announced
@@ -486,14 +469,10 @@ def _summary(status: MirrorStatus, slots: StatusSlots, died_s: float) -> HostSum
 
 def _samples(slots: StatusSlots, died_s: float) -> Iterator[tuple[str, Sample[MachineStatus]]]:
     for name, sample in slots.samples():
+        is_recent = time.monotonic_ns() - sample.stamp_ns <= died_s * 1e9
         counts = sample.message.loaded or sample.message.failed
-        if counts and not _is_over(sample, died_s):
+        if counts and (is_recent or is_live(sample)):
             yield name, sample
-
-
-def _is_over(sample: Sample[MachineStatus], before_s: float) -> bool:
-    """Check that a machine has died or failed, and published nothing for so long."""
-    return time.monotonic_ns() - sample.stamp_ns > before_s * 1e9 and not is_live(sample)
 
 
 def _troubles(machine: str, sample: Sample[MachineStatus]) -> Iterator[MachineTrouble]:

@@ -87,9 +87,8 @@ class LiveEnvironment(BoardEnvironment):
 
     def _claimed(self) -> Claims:
         if self._claims is None:
-            from llfsm.runtime.presence.slot_ownership import (
-                Claims,  # here, as it brings the whiteboard's messages
-            )
+            # here, as it brings the whiteboard's messages
+            from llfsm.runtime.presence.slot_ownership import Claims
 
             self._claims = Claims(self.whiteboard)
         return self._claims

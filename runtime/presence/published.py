@@ -18,6 +18,7 @@ import msgspec
 from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.seat import numbered_names
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
@@ -72,6 +73,10 @@ def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
 def _state(state: State, layout: MachineLayout | None, sections: bool) -> DefinedState:
     drawn = None if layout is None else layout.states.get(state.name)
     paths = () if layout is None else layout.transitions.get(state.name, ())
+    box = None
+    if drawn is not None:
+        x, y, w, h = map(float, drawn[:4])
+        box = DefinedBox(x, y, w, h, drawn.expanded)
     return DefinedState(
         state.name,
         tuple(_sections(state)) if sections else (),
@@ -79,11 +84,7 @@ def _state(state: State, layout: MachineLayout | None, sections: bool) -> Define
             DefinedTransition(t.target.name, t.label, _path(paths[i]) if i < len(paths) else ())
             for i, t in enumerate(state.transitions)
         ),
-        None
-        if drawn is None
-        else DefinedBox(
-            float(drawn.x), float(drawn.y), float(drawn.w), float(drawn.h), drawn.expanded
-        ),
+        box,
     )
 
 
@@ -188,9 +189,7 @@ def _values(
 
 def _plain(value: Any) -> bool | int | float | str | None:
     kind = type(value)
-    if value is None or kind is bool or kind is float:
-        return value  # type: ignore[no-any-return]
-    if kind is int and -(2**63) <= value < 2**63:
+    if value is None or kind in (bool, float) or (kind is int and -(2**63) <= value < 2**63):
         return value  # type: ignore[no-any-return]
     if kind is not str:
         return _texts.text(value)
@@ -224,15 +223,12 @@ class PublishedMachine:
 
     def _take(self) -> None:
         """Claim a name that no live machine has: `P`, else `P.0`, `P.1` …, as in an arrangement."""
-        names, number = self.name, -1
-        while True:
+        for names in numbered_names(self.name):
             self._slot = self._board[status_slot(names)]
             sample = self._slot.sample()
             if sample is None or not is_live(sample):
                 break
             self.rival = self.rival or sample.message
-            number += 1
-            names = f"{self.name}.{number}"
         self.published_name = names
         if self._will is not None:  # under the name that another process has claimed, too
             self._will.withdraw()

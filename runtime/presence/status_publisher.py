@@ -28,6 +28,7 @@ from llfsm.errors import LlfsmError, one_line
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking.bundles import load_checked
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
+from llfsm.runtime.engine.ringlet import marks_of
 from llfsm.runtime.journal.handover import Handover, Reporter
 from llfsm.runtime.log import logger
 from llfsm.runtime.presence.published import PublishedMachine, Viewing, vacate_dead
@@ -166,7 +167,7 @@ class StatusPublisher:
         self._rung = self._bell.count
         self._has_rung = False  # since name conflicts were looked for
         self._conflicts = NameConflicts(board, self._claims)
-        self._reloads: Reloads | None = None  # once one was asked for
+        self._reloads = Reloads(arrangement)
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
         self._beaten_ns = 0  # when all statuses were posted, though time may stand still
@@ -288,10 +289,9 @@ class StatusPublisher:
             request = None if entry is None else entry.request()
             if request is not None:
                 if request.action == "reload":
-                    self._reloading.begin(name)
+                    self._reloads.begin(name)
                 elif request.action in obey:
-                    if self._reloads is not None:
-                        self._reloads.cancel(name)
+                    self._reloads.cancel(name)
                     obey[request.action](name)
                 else:
                     self._debug(request, name)
@@ -299,15 +299,9 @@ class StatusPublisher:
                 self._marks[name] = ()
                 self._arrangement.environment.wake()
 
-    @property
-    def _reloading(self) -> Reloads:
-        if self._reloads is None:
-            self._reloads = Reloads(self._arrangement)
-        return self._reloads
-
     def _reload(self) -> None:
         """Exchange the machines whose bundles are loaded, and publish what they are now."""
-        for name in () if self._reloads is None else self._reloads.finish():
+        for name in self._reloads.finish():
             self._marks.pop(name, None)
             entry = self._entries.get(name)
             if entry is not None and name not in self._hidden:
@@ -327,9 +321,8 @@ class StatusPublisher:
             self._kernel.instrument.look()
 
     def _has_news(self, now_ns: int) -> bool:
-        if self._reloads is not None and self._reloads.is_ready:
-            return True
-        return now_ns >= self._beat_due_ns or self._current_marks() != self._marks
+        is_due = now_ns >= self._beat_due_ns or self._reloads.is_ready
+        return is_due or self._current_marks() != self._marks
 
     def _post(self, now_ns: int) -> None:
         marks = self._current_marks()
@@ -356,27 +349,9 @@ class StatusPublisher:
     def _current_marks(self) -> dict[str, tuple[object, ...]]:
         """Collect, by machine, the objects that change with its status, without what counts."""
         return {
-            seat.name: (
-                seat.current,
-                seat.previous,
-                seat.request,
-                seat.entered_ns,
-                seat.failure,
-                seat.hang,
-                self._kernel.paused,
-                seat.overridden,
-                seat.called_by,
-            )
+            seat.name: (*marks_of(seat), self._kernel.paused, seat.overridden, seat.called_by)
             for seat in self._roster
         }
-
-    def _pause_left_s(self) -> float | None:
-        instrument = self._kernel.instrument
-        return None if instrument is None else instrument.pause_left_s()
-
-    def _published_name(self, name: str) -> str:
-        entry = self._entries.get(name)
-        return name if entry is None else entry.published_name
 
     def _overridden(self, seat: Seat, sensor: str) -> OverriddenSensor:
         instrument = self._kernel.instrument
@@ -395,10 +370,11 @@ class StatusPublisher:
         standing, arrival, failure = seat.standing(), seat.arrival(), seat.failure
         ringlets, overruns = seat.progress
         priority, cpu = self._kernel.achieved
-        reloads, paused, error = self._reloads, self._kernel.paused, seat.hang
+        paused, instrument, error = self._kernel.paused, self._kernel.instrument, seat.hang
+        caller = self._entries.get(seat.called_by)
         if failure is not None and not error:
             error = one_line(failure.error)
-        is_reloading = reloads is not None and reloads.is_pending(seat.name)
+        is_reloading = self._reloads.is_pending(seat.name)
         entered_ns = now_ns if arrival.entered_ns is None else arrival.entered_ns
         return MachineStatus(
             state=standing.state,
@@ -419,9 +395,9 @@ class StatusPublisher:
             hung=bool(seat.hang),
             paused=paused,
             overridden=tuple(self._overridden(seat, sensor) for sensor in seat.overridden),
-            caller=self._published_name(seat.called_by),
-            refusal="" if reloads is None else reloads.refusal(seat.name),
-            paused_left_s=self._pause_left_s() if paused else None,
+            caller=seat.called_by if caller is None else caller.published_name,
+            refusal=self._reloads.refusal(seat.name),
+            paused_left_s=instrument.pause_left_s() if paused and instrument else None,
             clock=self._while_paused,
             realtime=priority or 0,
             cpu=-1 if cpu is None else cpu,
@@ -482,7 +458,7 @@ class Reloads:
     @property
     def is_ready(self) -> bool:
         """True if a bundle is loaded."""
-        return any(each.is_done for each in self._loading.values())
+        return bool(self._loading) and any(each.is_done for each in self._loading.values())
 
     def finish(self) -> list[str]:
         """Reload the machines whose bundles are loaded; between two turns. Return their names."""

@@ -27,18 +27,11 @@ from llfsm.whiteboard.errors import (
     WhiteboardError,
 )
 from llfsm.whiteboard.liveness import identity, is_alive, this_process, writer_lives
-from llfsm.whiteboard.messages.llfsm import (
-    MIRROR,
-    WILL_BELL,
-    Bell,
-    LastWill,
-    SafeValue,
-    will_slot,
-)
+from llfsm.whiteboard.messages.llfsm import MIRROR, WILL_BELL, Bell, LastWill, SafeValue, will_slot
 from llfsm.whiteboard.slots import Sample
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, BoundSlot, Message, Slot
+    from llfsm.whiteboard import Board, Message, Slot
 
 
 class Will:
@@ -60,9 +53,9 @@ class Will:
     def leave(self) -> None:
         """Post it. A dead predecessor's, which this replaces, is executed before."""
         with suppress(MessageError):
-            before = self._slot.sample()
-            if before is not None and before.message.state == "left" and _is_gone(before.message):
-                execute(self._board, before)
+            old = self._slot.sample()
+            if old and old.message.state == "left" and not is_alive(old.message, elsewhere=False):
+                execute(self._board, old)
         try:
             self._count = self._slot.add(self._will)
         except MessageTooLargeError as error:
@@ -146,15 +139,6 @@ def reserve(board: Board, will: LastWill) -> None:
             board[board.find(value.slot)].reserve()
 
 
-def _is_gone(will: LastWill) -> bool:
-    return not is_alive(will, elsewhere=False)
-
-
-def _bind(board: Board, value: SafeValue) -> tuple[BoundSlot[Any], Message]:
-    slot = board.find(value.slot)
-    return board[slot], slot.decoder.decode(value.data)
-
-
 def _post(
     board: Board,
     sample: Sample[LastWill],
@@ -163,7 +147,8 @@ def _post(
     is_commanded: Callable[[str], bool],
 ) -> bool | None:
     """Post a safe value; return None if the latest message is too new, False if it must not be."""
-    bound, message = _bind(board, value)
+    slot = board.find(value.slot)
+    bound, message = board[slot], slot.decoder.decode(value.data)
     while True:
         encoded = bound.encoded()
         if encoded is None or encoded[0] == value.data:

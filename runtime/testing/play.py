@@ -30,7 +30,6 @@ class Loading(Protocol):
 
     def load(self, control: Control) -> None:
         """Load a new machine into the arrangement of `control`."""
-        ...
 
 
 def play(

@@ -57,10 +57,8 @@ def _entries(trace: Iterable[Event], machine: str) -> list[Section]:
 def current_states(arrangement: Arrangement, machines: Iterable[Machine]) -> str:
     """Write a line for each machine, after a line break: its state, and for how long."""
     now_ns = arrangement.clock.now_ns()
-    return (
-        "".join(f"\n  {_current_state(machine, now_ns)}" for machine in machines)
-        or "\n  no machines"
-    )
+    lines = [_current_state(machine, now_ns) for machine in machines] or ["no machines"]
+    return "".join(f"\n  {line}" for line in lines)
 
 
 def _current_state(machine: Machine, now_ns: int) -> str:

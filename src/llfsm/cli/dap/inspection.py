@@ -21,7 +21,8 @@ from llfsm.cli.debug.session import Session
 from llfsm.cli.requests import cause_value
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import SUFFIX
-from llfsm.runtime.engine.source_text import location_of, parse_file, syntax_of
+from llfsm.runtime.engine.source_text import parse_file, syntax_of
+from llfsm.runtime.engine.state import location_of
 from llfsm.runtime.expressions.evaluation import Evaluator, parsed
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard import Message as BoardMessage
