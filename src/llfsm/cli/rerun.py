@@ -41,10 +41,7 @@ from llfsm.runtime.verification import Member
 def plan_of_one(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> tuple[RecordedJournal, ResolvedPlan]:
-    """Find the only arrangement, or the one whose machines have the names of `machines`.
-
-    Raise what `_resolve` raises.
-    """
+    """Find the only arrangement, or the one whose machines have the names of `machines`."""
     journals = whole_journals(recording)
     if len(journals) > 1:
         names = {journal.about.get("machines", "?"): journal for journal in journals}
@@ -238,7 +235,6 @@ def rerun(
     if recording.is_bag:
         if events := given_option("trust", "compare"):
             raise click.UsageError(f"{file} is a bag, without events of machines: omit {events}")
-
         rerun_bag(recording, machines, recorded)
         return
     if of_bag := given_option("config", "recorded"):

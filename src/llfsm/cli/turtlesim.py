@@ -25,7 +25,13 @@ from llfsm.cli.options import (
     given_option,
     supervised_options,
 )
-from llfsm.cli.ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
+from llfsm.cli.ros_options import (
+    GraphOptions,
+    RosCommand,
+    require_ros,
+    ros_arguments,
+    ros_options,
+)
 from llfsm.runtime.engine.realtime import StopRequest
 
 _LOG = logging.getLogger("turtlesim").log
@@ -73,9 +79,7 @@ def turtlesim(
     picture: Path | None,
     ros: bool,
     clock: bool,
-    transport: str,
-    domain: int | None,
-    router: tuple[str, ...],
+    graph: GraphOptions,
     board: BoardPlace,
     remove_board: bool,
 ) -> None:
@@ -100,7 +104,7 @@ def turtlesim(
     stop_for_good(asked.make)
     end_with_input()
     if ros:
-        with open_chosen(transport, domain, router, arguments.enclave) as opened:
+        with graph.open(arguments.enclave) as opened:
             simulator = _run_on_ros(opened, turtles, asked.is_made, arguments, clock)
     else:
         simulator = _run_on_board(board, turtles, asked.is_made, remove_board)

@@ -101,10 +101,7 @@ def serve(
 
 
 def make_server(make_app: Callable[[str], ASGIApp], token: str) -> Server:
-    """Make the server of the application that `make_app` makes for a token.
-
-    Raise ``click.ClickException`` if a library for pages is missing.
-    """
+    """Make the server of the application that `make_app` makes for a token."""
     try:
         import uvicorn
 

@@ -225,10 +225,7 @@ class Inspection:
         }
 
     def evaluate(self, arguments: Message) -> Message:
-        """Return the value of an expression over the machine of the stack.
-
-        Nothing is called that could have an effect.
-        """
+        """Return the value of an expression over the machine of the stack, without any effect."""
         text, session = str(arguments.get("expression", "")), self._session
         arrangement, name = session.arrangement, session.machine
         entered_ns = arrangement.roster.find(name).arrival().entered_ns

@@ -180,10 +180,7 @@ def load_machines(
 
 
 def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
-    """Run an arrangement to its end, and print its times if it is timed; raise what `run` raises.
-
-    Raise `click.ClickException` if machines have failed that nobody can resume.
-    """
+    """Run an arrangement to its end, and print its times if it is timed."""
 
     def is_ending() -> bool:
         return arrangement.reason is not None or arrangement.stop_cause in SIGNALS
