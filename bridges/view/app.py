@@ -131,10 +131,7 @@ _BEAT_S = 0.5  # between frames to an idle page, by which it notices a server th
 
 
 class Broadcaster(Generic[T]):
-    """Call `take` for a snapshot each `period_s` seconds, while any window is open.
-
-    When the last window is closed, `left` is called.
-    """
+    """Call `take` for a snapshot each `period_s` seconds, while any window is open; then `left`."""
 
     def __init__(
         self,
@@ -217,10 +214,7 @@ _LOOK_S, _LOOKS = 0.02, 25  # until another request is obeyed
 
 
 class SourcePage:
-    """Answer the requests of all windows that show one source.
-
-    When the last window is closed, `left` is called.
-    """
+    """Answer the requests of all windows that show one source; once all are closed, call `left`."""
 
     def __init__(
         self, source: PageSource, *, control: bool, left: Callable[[], None] = lambda: None

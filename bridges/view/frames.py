@@ -41,12 +41,7 @@ SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False
 def diagram_data(
     definition: MachineDefinition, title: str, sections: bool | None
 ) -> dict[str, Any]:
-    """Lay a machine out as `llfsm draw` does: boxes, curves and lines of text with their positions.
-
-    `sections` shows or hides the states' code; None decides it by the layout.
-
-    Raise `RequestError` if the definition cannot be drawn.
-    """
+    """Lay a machine out as `llfsm draw` does, as plain data; raise `RequestError`."""
     try:
         diagram = arrange(table_of(definition), title=title, sections=sections)
     except DefinitionError as error:

@@ -252,10 +252,7 @@ def _place(error: BaseException) -> tuple[str, int] | None:
 
 
 class ResolvedPlan:
-    """A plan with the `classes` of its machines, by the names that they get, in the plan's order.
-
-    `library` finds those that their code loads by name, for `assemble`.
-    """
+    """A plan with its machines' `classes` by name, and a `library` for those that they load."""
 
     def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
         found = [_find(planned, folders, source) for planned in plan.machines]

@@ -108,10 +108,7 @@ def bridge_options(command: Command) -> Command:
 
 
 def ros_options(only: str = "") -> Callable[[Command], Command]:
-    """Make a decorator that adds the options of `GraphOptions`, which reach a command as ``graph``.
-
-    ``only`` is added to their help texts, as " (with --ros)".
-    """
+    """Make a decorator that adds `GraphOptions` as ``graph``; their help texts contain ``only``."""
 
     def add(command: Command) -> Command:
         optioned = collected(command, "graph", GraphOptions, GraphOptions._fields)

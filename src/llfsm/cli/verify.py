@@ -287,10 +287,7 @@ class _Named(NamedTuple):
 
 
 class VerifiedMachines:
-    """Machines and the properties to decide; the options `asked` go before those of a file.
-
-    Raise ``click.UsageError`` for a name that cannot be found, and `DomainError`.
-    """
+    """Machines and properties to decide; the options `asked` go before those of a file."""
 
     def __init__(self, machines: Sequence[str], asked: Verification):
         resolved = parse_arguments(machines)

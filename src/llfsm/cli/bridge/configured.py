@@ -68,10 +68,7 @@ class Configured(NamedTuple):
         return self._replace(config=replace(self.config, node=node), is_named=True)
 
     def plan(self, slots: list[SlotInfo], arguments: RosArguments) -> BridgePlan:
-        """Make the plan for a board with these slots, and print its warnings and notes.
-
-        Raise `BadConfigurationError`.
-        """
+        """Make the plan for a board with these slots, and print its warnings and notes."""
         plan, findings = self.examine(slots, arguments)
         if findings.faults:
             more = f" (and {len(findings.faults) - 1} more)" if len(findings.faults) > 1 else ""

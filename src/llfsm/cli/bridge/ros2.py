@@ -183,10 +183,7 @@ class Counts:
 
 
 def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> None:
-    """Show counts on standard output until ``over(seconds)``, which waits that long, is true.
-
-    On a terminal they are a table that is refreshed, else lines every 10 s and at the end.
-    """
+    """Show counts on standard output until ``over(seconds)``, which waits that long, is true."""
     counts = Counts(links)
     if not sys.stdout.isatty():
         while not over(_LINES_S):

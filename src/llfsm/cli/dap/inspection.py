@@ -124,10 +124,7 @@ _texts: Final = ValueText(1000)
 
 
 class Inspection:
-    """Answer an editor's requests about one pause of a session.
-
-    At a breakpoint the stack is that of its machine, else of the one whose turn comes next.
-    """
+    """Answer requests about one pause, at a machine's breakpoint or before a machine's turn."""
 
     def __init__(self, session: Session):
         self._session = session

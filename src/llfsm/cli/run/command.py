@@ -266,10 +266,7 @@ def _with_options(
 
 
 def _place(plan: Plan, board: BoardPlace, *, default: bool) -> BoardPlace | None:
-    """Choose the whiteboard: the command line's if named there, else the file's, else the default.
-
-    Return None if none is named and no default one is wanted.
-    """
+    """Choose the whiteboard: the command line's if named, else the file's, else a `default` one."""
     given = given_option("board") is not None
     if given or plan.board is None:
         return board if given or default else None

@@ -228,10 +228,7 @@ def join_graph(
 def _connections(
     options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
 ) -> BridgePlan:
-    """Plan the relays between the machines of a plan, whose classes are in its order, and ROS.
-
-    Without a configuration, each slot is relayed with the topic of its name.
-    """
+    """Plan the relays between machines and ROS, by default of each slot with its topic."""
     if options.config is None:
         slots = [machine.slots for machine in plan.machines]
         configured = Configured(machine_config(zip(classes, slots, strict=True)))
@@ -301,10 +298,7 @@ def on_ros(
 def managed_machines(
     world: Environment, load: Callable[[Environment], Arrangement], will_after_ms: int | None
 ) -> Callable[[], None]:
-    """Return a function that runs machines as a managed node, until SIGINT or SIGTERM.
-
-    `load` loads them, each time that the node is configured.
-    """
+    """Return a function that runs machines as a managed node, which may `load` them repeatedly."""
     assert isinstance(world, RosEnvironment)
     board, clock, bridge = world.whiteboard, world.clock, world.bridge
 
