@@ -228,17 +228,13 @@ def _import(module: str, name: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
-        if isinstance(error, ModuleNotFoundError) and _is_within(module, error.name):
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
             near = did_you_mean(module, {file.stem for file in Path().glob(f"*{_PYTHON}")})
             raise click.UsageError(f"{name}: there is no module {error.name!r}{near}") from error
         place = _place(error)
         if place is None:
             raise
         raise MachineImportError(error, *place) from error
-
-
-def _is_within(module: str, package: str | None) -> bool:
-    return package is not None and f"{module}.".startswith(f"{package}.")
 
 
 def _place(error: BaseException) -> tuple[str, int] | None:

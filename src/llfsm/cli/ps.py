@@ -233,10 +233,8 @@ class SlotRow(NamedTuple):
 
     name: str
     sample: Sample[Message] | None
-    rate: float
-    """Changes per second."""
-    problem: str = ""
-    """Why its message cannot be shown."""
+    rate: float  # changes per second
+    problem: str = ""  # why its message cannot be shown
 
     @property
     def age_s(self) -> float:

@@ -203,11 +203,7 @@ def _members(resolved: ResolvedPlan) -> Iterator[Member]:
     help="What must be as recorded: all events (default), states and posts, or posts alone.",
 )
 @topics_option
-@file_option(
-    "--record",
-    "recorded",
-    help="For a bag: record what the machines do on its topics.",
-)
+@file_option("--record", "recorded", help="For a bag: record what the machines do on its topics.")
 def rerun(
     file: Path,
     machines: tuple[str, ...],

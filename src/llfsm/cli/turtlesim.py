@@ -25,13 +25,7 @@ from llfsm.cli.options import (
     given_option,
     supervised_options,
 )
-from llfsm.cli.ros_options import (
-    GraphOptions,
-    RosCommand,
-    require_ros,
-    ros_arguments,
-    ros_options,
-)
+from llfsm.cli.ros_options import GraphOptions, RosCommand, require_ros, ros_arguments, ros_options
 from llfsm.runtime.engine.realtime import StopRequest
 
 _LOG = logging.getLogger("turtlesim").log
@@ -65,11 +59,7 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     type=click.Path(path_type=Path),
     help="Draw the field at the end: FILE.svg, FILE.png, or both if FILE has no suffix.",
 )
-@click.option(
-    "--ros",
-    is_flag=True,
-    help="Run as the ROS 2 node turtlesim, without a whiteboard.",
-)
+@click.option("--ros", is_flag=True, help="Run as the ROS 2 node turtlesim, without a whiteboard.")
 @click.option("--clock", is_flag=True, help="Publish the simulated time on /clock (with --ros).")
 @ros_options(" (with --ros)")
 @board_option

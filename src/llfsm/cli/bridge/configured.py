@@ -48,8 +48,7 @@ class Configured(NamedTuple):
     config: BridgeConfig
     file: Path | None = None
     flags: tuple[str, ...] = ()
-    is_named: bool = False
-    """True if a flag has given the node's name."""
+    is_named: bool = False  # True if a flag has given the node's name
 
     @classmethod
     def read(cls, file: Path | None, flags: Sequence[tuple[str, RelayConfig]] = ()) -> Self:

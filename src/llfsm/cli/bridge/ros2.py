@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=RosCommand)
-@file_option(
-    "--config",
-    "file",
-    help="What to connect, as TOML; see docs/how-to/ros2.md.",
-)
+@file_option("--config", "file", help="What to connect, as TOML; see docs/how-to/ros2.md.")
 @click.option(
     "--to-ros",
     metavar="SLOT:TYPE",
@@ -147,8 +143,7 @@ class Count(NamedTuple):
     """A link and its rate."""
 
     link: BridgeLink
-    rate: float
-    """Messages a second, lately."""
+    rate: float  # messages a second, lately
 
     def __str__(self) -> str:
         link, age = self.link, self.link.age

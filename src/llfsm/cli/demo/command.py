@@ -65,8 +65,7 @@ class _Shown(NamedTuple):
     title: str
     seconds: float | None
     picture: Path
-    token: str | None
-    """The page's, if there is to be one."""
+    token: str | None  # the page's, if there is to be one
 
 
 class _EndError(Exception):
@@ -84,10 +83,7 @@ class _EndError(Exception):
 )
 @board_option(default="demo")
 @click.option("--view", is_flag=True, help="Also show it on a page, and print its address.")
-@file_option(
-    "--record",
-    help="Record it for llfsm rerun; not with --ros.",
-)
+@file_option("--record", help="Record it for llfsm rerun; not with --ros.")
 @local_option
 @graph_options
 def demo(

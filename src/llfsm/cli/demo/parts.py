@@ -39,11 +39,9 @@ class ProcessStatus(NamedTuple):
     """The status of a part."""
 
     name: str
-    pid: int | None
-    """None while a process waits to be started again."""
+    pid: int | None  # None while a process waits to be started again
     since_s: float
-    output: str
-    """The last line that it printed."""
+    output: str  # the last line that it printed
 
 
 class _Process:

@@ -133,8 +133,7 @@ class RosOptions(NamedTuple):
     """The options ``--ros``, ``--ros-time`` and those that belong to them, by their names."""
 
     ros: bool
-    ros_time: bool
-    """If the machines run by the time on /clock."""
+    ros_time: bool  # if the machines run by the time on /clock
     lifecycle: bool
     config: Path | None
     node: str | None
@@ -144,8 +143,7 @@ class RosOptions(NamedTuple):
 class WorldOptions(NamedTuple):
     """The options for where machines run, and where this is recorded."""
 
-    place: BoardPlace | None
-    """The shared whiteboard, if there is one."""
+    place: BoardPlace | None  # the shared whiteboard, if there is one
     local: bool
     remove_board: bool
     recording: Path | None
@@ -204,10 +202,8 @@ class JoinedGraph(NamedTuple):
     """A ROS graph, and the parts of it that machines use."""
 
     transport: Transport
-    connected: BridgePlan | None
-    """The relays between the machines and it, if they are a node."""
-    clock: Clock | None
-    """The time on /clock, if they run by it."""
+    connected: BridgePlan | None  # the relays between the machines and it, if they are a node
+    clock: Clock | None  # the time on /clock, if they run by it
 
 
 @contextmanager
