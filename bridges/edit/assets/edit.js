@@ -214,7 +214,7 @@ listenToKeys([
   ["r  Space  .", "simulate from the beginning, run or pause, step", run],
   ["l", "reload the live machine, if the page may", { l: () => live.reload() }],
   ["a", "place everything automatically", { a: () => editor.arrange() }],
-  ["d", "switch between light and dark", { d: useTheme(), "?": () => $("keys").showModal() }],
+  ["d", "switch between light and dark", { d: useTheme() }],
   ["Esc", "back to the drawing; select nothing", { Escape: escape }],
 ]);
 document.addEventListener("copy", (event) => {

@@ -1,5 +1,6 @@
 // The keys of the editor, and the list of them.
 
+import { $ } from "./dom.js";
 import { listKeys } from "./page.js";
 
 const ANYWHERE = ["Ctrl+z", "Ctrl+Shift+z", "Ctrl+y", "Ctrl+Enter", "Ctrl+Shift+Enter", "Escape"]; // also in a field
@@ -7,7 +8,7 @@ const ANYWHERE = ["Ctrl+z", "Ctrl+Shift+z", "Ctrl+y", "Ctrl+Enter", "Ctrl+Shift+
 // Takes rows of keys as they are listed, what they do, and the functions for that by the names of the keys.
 export function listen(rows) {
   listKeys(rows);
-  const actions = Object.assign({}, ...rows.map(([, , acts]) => acts));
+  const actions = Object.assign({ "?": () => $("keys").showModal() }, ...rows.map(([, , acts]) => acts));
   // Before the drawing, which has keys of its own, and the editors of texts, which have an undo.
   document.addEventListener("keydown", (event) => {
     if (document.querySelector("dialog[open]")) return;
