@@ -58,10 +58,7 @@ class OpenedPlan(NamedTuple):
 
 
 def overview_data(plan: OpenedPlan) -> dict[str, Any]:
-    """Draw the overview as plain data; add a problem for each machine that cannot be loaded.
-
-    Each machine is loaded, as its text is now, in a process of its own.
-    """
+    """Draw the overview as plain data, with a problem for each machine that cannot be loaded."""
     with ThreadPoolExecutor(_PROCESSES) as pool:
         found = dict(zip(plan.machines, pool.map(_links, plan.machines.values()), strict=True))
     links = {

@@ -50,10 +50,10 @@ def through(put: Put, handle: Handler) -> Handler:
     return lambda request: put(partial(work, request))
 
 
-def answering(of: RosService, respond: Callable[[Any], dict[str, Any]]) -> Handler:
-    """Make a server's handler that answers with the fields that ``respond`` returns."""
+def answering(of: RosService, respond: Callable[[Any], dict[str, Any] | None]) -> Handler:
+    """Make a server's handler that answers with the fields that ``respond`` returns, if any."""
     response = of.response.message
-    return lambda request: request.answer(response(**respond(request.message)))
+    return lambda request: request.answer(response(**(respond(request.message) or {})))
 
 
 class PendingCalls:

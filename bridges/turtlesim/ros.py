@@ -123,18 +123,15 @@ class RosTurtle:
         self._simulator.command(self.turtle.name, linear.x, linear.y, twist.angular.z)
         self._settle()  # a goal, which this has aborted
 
-    def _set_pen(self, asked: Any) -> dict[str, str]:
-        rgb = asked.r, asked.g, asked.b
-        self._simulator.set_pen(self.turtle.name, *rgb, asked.width, bool(asked.off))
-        return {}
+    def _set_pen(self, asked: Any) -> None:
+        pen = asked.r, asked.g, asked.b, asked.width, bool(asked.off)
+        self._simulator.set_pen(self.turtle.name, *pen)
 
-    def _teleport_absolute(self, asked: Any) -> dict[str, str]:
+    def _teleport_absolute(self, asked: Any) -> None:
         self._simulator.teleport_absolute(self.turtle.name, asked.x, asked.y, asked.theta)
-        return {}
 
-    def _teleport_relative(self, asked: Any) -> dict[str, str]:
+    def _teleport_relative(self, asked: Any) -> None:
         self._simulator.teleport_relative(self.turtle.name, asked.linear, asked.angular)
-        return {}
 
     def _begin(self, goal: ServerGoal) -> bool:
         rotation = self._simulator.rotate_absolute(self.turtle.name, goal.message.theta)
@@ -229,26 +226,23 @@ class RosTurtlesim:
         steps = count(1)
         return lambda: publish(of.message(clock=from_ns(next(steps) * STEP_NS)))
 
-    def _serve(self, name: str, type_name: str, do: Callable[[Any], dict[str, str]]) -> None:
+    def _serve(self, name: str, type_name: str, do: Callable[[Any], dict[str, str] | None]) -> None:
         of = self._types.service(type_name)
         self._node.server(name, of, through(self.queue.put, answering(of, do)))
 
-    def _clear(self, _: Any) -> dict[str, str]:
+    def _clear(self, _: Any) -> None:
         self.simulator.clear()
-        return {}
 
-    def _reset(self, _: Any) -> dict[str, str]:
+    def _reset(self, _: Any) -> None:
         self.simulator.reset()
         self._follow_turtles()
-        return {}
 
     def _spawn(self, asked: Any) -> dict[str, str]:
         return {"name": self.spawn(asked.x, asked.y, asked.theta, asked.name)}
 
-    def _kill(self, asked: Any) -> dict[str, str]:
+    def _kill(self, asked: Any) -> None:
         self.simulator.kill(asked.name)
         self._follow_turtles()
-        return {}
 
     def _follow_turtles(self) -> None:
         """Add new turtles to the graph and remove killed ones. A reset makes a new turtle1."""

@@ -25,10 +25,6 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LONGEST_NAME = 247 - len("/" + "/rotate_absolute/_action/cancel_goal")  # 247: rmw's longest topic
 
 
-def _unlogged(level: Level, text: str) -> None:
-    """Drop a log line."""
-
-
 def run(step: Callable[[], None], is_over: Callable[[], bool], clock: Clock | None = None) -> None:
     """Step every 16 ms until `is_over`. A late step is not made up for, as in turtlesim."""
     clock = clock or MonotonicClock()
@@ -47,7 +43,7 @@ class Simulator:
     canvas: all that the pens have drawn.
     """
 
-    def __init__(self, log: Log = _unlogged, parameters: Parameters | None = None) -> None:
+    def __init__(self, log: Log = lambda *_: None, parameters: Parameters | None = None) -> None:
         self.parameters = parameters or Parameters()
         self.canvas = Canvas()
         self._log = log

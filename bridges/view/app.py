@@ -15,6 +15,7 @@ from bisect import bisect_right
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import islice
+from operator import attrgetter
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from starlette.concurrency import run_in_threadpool
@@ -73,13 +74,12 @@ def log_page(
     return LogPage(found, next(newest, None) is None)
 
 
+_stamp_ns = attrgetter("stamp_ns")
+
+
 def _has(event: Note, wanted: Sequence[str]) -> bool:
     text = f"{event.machine} {event.kind} {event.text}".lower()
     return all(word in text for word in wanted)
-
-
-def _stamp_ns(event: Note | Change) -> int:
-    return event.stamp_ns
 
 
 def _changes(
@@ -131,10 +131,7 @@ _BEAT_S = 0.5  # between frames to an idle page, by which it notices a server th
 
 
 class Broadcaster(Generic[T]):
-    """Call `take` for a snapshot each `period_s` seconds, while any window is open.
-
-    When the last window is closed, `left` is called.
-    """
+    """Call `take` for a snapshot each `period_s` seconds, while any window is open; then `left`."""
 
     def __init__(
         self,
@@ -217,10 +214,7 @@ _LOOK_S, _LOOKS = 0.02, 25  # until another request is obeyed
 
 
 class SourcePage:
-    """Answer the requests of all windows that show one source.
-
-    When the last window is closed, `left` is called.
-    """
+    """Answer the requests of all windows that show one source; once all are closed, call `left`."""
 
     def __init__(
         self, source: PageSource, *, control: bool, left: Callable[[], None] = lambda: None
@@ -294,11 +288,7 @@ class SourcePage:
                 await asyncio.sleep(_LOOK_S)
             return perform(request, self.source, control=self._control)
 
-        encoder = FrameEncoder(self.source)
-
-        def encode(snapshot: Snapshot, beat: bool) -> bytes | None:
-            return encoder.encode(snapshot, beat=beat)
-
+        encode = FrameEncoder(self.source).encode
         async with self._broadcaster:
             await socket.accept()
             await serve_page(socket, frames(self._broadcaster, encode), decode, answer)

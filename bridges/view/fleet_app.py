@@ -146,9 +146,6 @@ def make_fleet_app(
     async def page(_: HttpRequest) -> Response:
         return files.response("fleet.html")
 
-    async def host_page(_: HttpRequest) -> Response:
-        return files.response("index.html")
-
     async def about(_: HttpRequest) -> Response:
         return json_response({"title": source.title})
 
@@ -163,7 +160,7 @@ def make_fleet_app(
         Route("/assets/{name}", files.respond),
         Route("/about", about),
         WebSocketRoute("/live", live),
-        Route(f"{_HOSTS}{{host}}/", host_page),
+        Route(f"{_HOSTS}{{host}}/", files.respond),
         Route(f"{_HOSTS}{{host}}/about", hosts.about),
         Route(f"{_HOSTS}{{host}}/diagram", hosts.diagram),
         Route(f"{_HOSTS}{{host}}/log", hosts.log),

@@ -9,12 +9,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any, Literal, cast
+from operator import attrgetter
+from typing import Any, cast
 
 import msgspec
 
 from llfsm.bridges.view.errors import RequestError
-from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
+from llfsm.bridges.view.page_source import PageSource, Snapshot
 from llfsm.runtime.drawing import Diagram, arrange
 from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head, box_lines, label_lines
 from llfsm.runtime.drawing.shapes import Text
@@ -32,8 +33,6 @@ from llfsm.whiteboard.messages.llfsm import (
     MachineStatus,
 )
 
-Sections = Literal["auto", "shown", "hidden"]
-
 SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False}
 
 
@@ -41,12 +40,7 @@ SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False
 def diagram_data(
     definition: MachineDefinition, title: str, sections: bool | None
 ) -> dict[str, Any]:
-    """Lay a machine out as `llfsm draw` does: boxes, curves and lines of text with their positions.
-
-    `sections` shows or hides the states' code; None decides it by the layout.
-
-    Raise `RequestError` if the definition cannot be drawn.
-    """
+    """Lay a machine out as `llfsm draw` does, as plain data; raise `RequestError`."""
     try:
         diagram = arrange(table_of(definition), title=title, sections=sections)
     except DefinitionError as error:
@@ -102,7 +96,6 @@ def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, b
     return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]
 
 
-# What a page is told of a machine's status as it is published.
 _encode = msgspec.json.Encoder().encode
 
 
@@ -155,7 +148,7 @@ class FrameEncoder(TimedEncoder):
         self._slots: object = None
         self._rest: dict[str, Any] = {}
 
-    def encode(self, snapshot: Snapshot, *, beat: bool) -> bytes | None:
+    def encode(self, snapshot: Snapshot, beat: bool) -> bytes | None:
         """Return the frame for a snapshot; None if nothing has changed and no `beat` is due."""
         player = self._source.player
         if self._base_ns is None:
@@ -229,19 +222,15 @@ class FrameEncoder(TimedEncoder):
         definition = snapshot.samples.get(DEFINITIONS + name)
         live = self._source.is_live(sample)
         silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
+        left_s = status.paused_left_s
         return {
             **shown_fields(status),
             "condition": condition_of(status, silent_s) if live else "ended",
-            "ends": self._ends(sample),
+            "ends": None if left_s is None else round(self._seconds(sample.stamp_ns) + left_s, 1),
             "overridden": [each.sensor for each in status.overridden],
             "entered": round(self._seconds(sample.stamp_ns) - status.in_state_s, 2),
             "definition": None if definition is None else definition.count,
         }
-
-    def _ends(self, sample: Sample[MachineStatus]) -> float | None:
-        """Return the page's time at which a pause ends unless renewed; None without a pause."""
-        left_s = sample.message.paused_left_s
-        return None if left_s is None else round(self._seconds(sample.stamp_ns) + left_s, 1)
 
     def _contested(self, snapshot: Snapshot) -> list[str]:
         """Return a sentence for each slot that several live machines command."""
@@ -265,13 +254,10 @@ class FrameEncoder(TimedEncoder):
         new = {}
         for name, changes in self._source.history().items():
             if changes and changes[-1].stamp_ns != self._history_ns.get(name):
-                first = bisect_right(changes, self._history_ns.get(name, -1), key=_stamp_ns)
+                known_ns = self._history_ns.get(name, -1)
+                first = bisect_right(changes, known_ns, key=attrgetter("stamp_ns"))
                 self._history_ns[name] = changes[-1].stamp_ns
                 new[name] = [
                     (self._seconds(change.stamp_ns), *change[1:]) for change in changes[first:]
                 ]
         return new
-
-
-def _stamp_ns(change: Change) -> int:
-    return change.stamp_ns

@@ -31,10 +31,7 @@ _OPEN_NS = 300_000_000  # between two attempts to open a board that is not there
 
 
 class ReopenedBoard:
-    """Open the board of a name as often as that is made, or use `given`.
-
-    That one is of this process, and its owner closes it.
-    """
+    """Open the board of a name as often as it is made; or use `given`, which its owner closes."""
 
     def __init__(
         self,
@@ -157,11 +154,7 @@ _VIEW_NS = 500_000_000  # between two messages that the variables are viewed
 
 
 class LiveSource(PageSource):
-    """Poll the board of a name, which may be removed and made again, or `given`.
-
-    That one is of this process, and its owner closes it. Of a `host` of the fleet, if any, only
-    what it has is shown.
-    """
+    """Poll a `ReopenedBoard`; of a `host` of the fleet, if any, only what it has is shown."""
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ import {
   syntaxHighlighting, tags,
 } from "./codemirror.js";
 import { completions } from "./completion.js";
-import { make, setText } from "./dom.js";
+import { isNew, make } from "./dom.js";
 import { problems, showProblems } from "./problems.js";
 
 const PAUSE_MS = 250; // after the last key, before a text is written
@@ -163,9 +163,7 @@ export class Code {
   explain() {
     const theirs = this.machine.text(this.place);
     const isTheirs = theirs !== this.was;
-    const key = JSON.stringify([this.problem, isTheirs, theirs]);
-    if (key === this.explained) return;
-    this.explained = key;
+    if (!isNew(this, "explained", [this.problem, isTheirs, theirs])) return;
     const button = (text, act) => make("button", { type: "button", onclick: act }, text);
     this.note.hidden = !this.problem;
     this.note.replaceChildren(
@@ -211,9 +209,7 @@ export class Code {
       const { from, to } = doc.line(Math.min(Math.max(line, 1), doc.lines));
       return { from, to, severity, message };
     });
-    const key = JSON.stringify(found);
-    if (key === this.shown) return;
-    this.shown = key;
+    if (!isNew(this, "shown", found)) return;
     const spec = setDiagnostics(this.view.state, found);
     this.view.dispatch({ ...spec, effects: [spec.effects, showProblems.of(found)].flat() });
   }

@@ -1,7 +1,7 @@
 // The drawing of the machine: updated where it has changed, with marks for what is selected or wrong.
 
 import { Diagram, box, path, point, start, transition } from "./diagram.js";
-import { makeSvg } from "./dom.js";
+import { isNew, makeSvg } from "./dom.js";
 
 const GAP = 20; // between new boxes and others
 const PACE = 30; // by which free room for them is looked for
@@ -90,9 +90,8 @@ export class Drawing extends Diagram {
   handles(selected, transition) {
     const [only] = selected;
     const edge = this.drawn.edges[transition];
-    const key = JSON.stringify([transition, edge?.curve, [...selected], this.places.get(only)]);
-    if (key === this.handled) return; // what the pointer may be about to press
-    this.handled = key;
+    const held = [transition, edge?.curve, [...selected], this.places.get(only)];
+    if (!isNew(this, "handled", held)) return; // what the pointer may be about to press
     const made = [];
     const handle = (kind, [cx, cy], title) =>
       made.push(makeSvg("circle", { class: "handle", "data-handle": kind, cx, cy, r: 6 }, makeSvg("title", {}, title)));

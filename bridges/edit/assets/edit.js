@@ -177,7 +177,6 @@ function addState() {
   editor.addState(at.map((value, i) => value + shift[i]));
 }
 
-const toggleTheme = useTheme();
 const drawn = (act) => () => (drawing ? act() : false); // a machine may not be open
 const arrow = (dx, dy) => ({ shiftKey }) => {
   if (![drawing?.element, document.body].includes(document.activeElement)) return false; // a list is scrolled
@@ -185,43 +184,39 @@ const arrow = (dx, dy) => ({ shiftKey }) => {
   if (!editor.selected.size) return false;
   return shiftKey ? editor.steps.resize(dx, dy) : editor.steps.move(dx, dy);
 };
-listenToKeys({
-  n: drawn(addState),
-  Tab: (event) => (document.activeElement === drawing?.element ? step(event.shiftKey ? -1 : 1) : false),
-  ArrowLeft: arrow(-1, 0),
-  ArrowRight: arrow(1, 0),
-  ArrowUp: arrow(0, -1),
-  ArrowDown: arrow(0, 1),
-  "Alt+ArrowUp": () => (editor.transition ? editor.reorder(editor.state, editor.number, editor.number - 1) : false),
-  "Alt+ArrowDown": () => (editor.transition ? editor.reorder(editor.state, editor.number, editor.number + 1) : false),
-  c: () => $("connect")?.focus(),
-  "[": () => stepTransition(-1),
-  "]": () => stepTransition(1),
-  Enter: (event) => (event.target.closest("button, a") ? false : inspector.focus()),
-  "Ctrl+Enter": () => inspector.focusNext(1),
-  "Ctrl+Shift+Enter": () => inspector.focusNext(-1),
-  F2: () => inspector.focusName(),
-  i: () => editor.makeInitial(),
-  s: () => editor.toggleSuspend(),
-  e: () => editor.expand(),
-  Delete: () => editor.remove(),
-  Backspace: () => editor.remove(),
-  "Ctrl+z": () => goBack("undo"),
-  "Ctrl+Shift+z": () => goBack("redo"),
-  "Ctrl+y": () => goBack("redo"),
-  "Ctrl+a": () => editor.selectAll(machine.data.states),
-  "+": drawn(() => drawing.zoom(1.25)),
-  "-": drawn(() => drawing.zoom(0.8)),
-  0: drawn(() => drawing.fit()),
-  a: () => editor.arrange(),
-  r: () => simulation.start(),
-  " ": (event) => (event.target.closest("button") ? false : simulation.toggle()),
-  ".": () => simulation.step(),
-  l: () => live.reload(),
-  d: toggleTheme,
-  "?": () => $("keys").showModal(),
-  Escape: escape,
-});
+const order = (by) => () => (editor.transition ? editor.reorder(editor.state, editor.number, editor.number + by) : false);
+const byTab = ({ shiftKey }) => (document.activeElement === drawing?.element ? step(shiftKey ? -1 : 1) : false);
+const unlessOn = (what, act) => (event) => (event.target.closest(what) ? false : act());
+const remove = () => editor.remove();
+const redo = () => goBack("redo");
+const arrows = { ArrowLeft: arrow(-1, 0), ArrowRight: arrow(1, 0), ArrowUp: arrow(0, -1), ArrowDown: arrow(0, 1) };
+const zoom = { "+": drawn(() => drawing.zoom(1.25)), "-": drawn(() => drawing.zoom(0.8)), 0: drawn(() => drawing.fit()) };
+const run = { r: () => simulation.start(), " ": unlessOn("button", () => simulation.toggle()), ".": () => simulation.step() };
+const kinds = { i: () => editor.makeInitial(), s: () => editor.toggleSuspend(), e: () => editor.expand() };
+listenToKeys([
+  ["n", "a new state", { n: drawn(addState) }],
+  ["Tab", "to the next state, and behind the last one out of the drawing", { Tab: byTab }],
+  ["↑ ↓ ← →", "move the selected states, bend the selected transition", arrows],
+  ["Shift+arrow", "resize the states, bend the transition's end"],
+  ["c", "a new transition from the selected state: its target, then Enter", { c: () => $("connect")?.focus() }],
+  ["[  ]", "the previous or next transition of the state", { "[": () => stepTransition(-1), "]": () => stepTransition(1) }],
+  ["Alt+↑ Alt+↓", "evaluate the transition earlier or later", { "Alt+ArrowUp": order(-1), "Alt+ArrowDown": order(1) }],
+  ["Enter", "to the text of what is selected", { Enter: unlessOn("button, a", () => inspector.focus()) }],
+  ["Ctrl+Enter", "to the next text; with Shift, to the one before",
+    { "Ctrl+Enter": () => inspector.focusNext(1), "Ctrl+Shift+Enter": () => inspector.focusNext(-1) }],
+  ["F2", "rename the state", { F2: () => inspector.focusName() }],
+  ["i  s  e", "make it initial, the suspend state; show its sections in its box", kinds],
+  ["Delete", "delete what is selected", { Delete: remove, Backspace: remove }],
+  ["Ctrl+Z Ctrl+Shift+Z", "undo, redo", { "Ctrl+z": () => goBack("undo"), "Ctrl+Shift+z": redo, "Ctrl+y": redo }],
+  ["Ctrl+C Ctrl+V", "copy and paste states, also between machines"],
+  ["Ctrl+A", "select all states", { "Ctrl+a": () => editor.selectAll(machine.data.states) }],
+  ["+  −  0", "zoom, show everything; a wheel with Ctrl zooms, too", zoom],
+  ["r  Space  .", "simulate from the beginning, run or pause, step", run],
+  ["l", "reload the live machine, if the page may", { l: () => live.reload() }],
+  ["a", "place everything automatically", { a: () => editor.arrange() }],
+  ["d", "switch between light and dark", { d: useTheme() }],
+  ["Esc", "back to the drawing; select nothing", { Escape: escape }],
+]);
 document.addEventListener("copy", (event) => {
   if (event.target.closest?.("input, .cm-editor")) return;
   const text = editor.copy();

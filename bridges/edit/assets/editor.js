@@ -1,6 +1,6 @@
 // The editor: what is selected, and every edit, which the server makes and sends back to all windows.
 
-import { toast } from "./dom.js";
+import { attempt, toast } from "./dom.js";
 import { Steps } from "./steps.js";
 
 const GRID = 10;
@@ -82,13 +82,8 @@ export class Editor {
 
   // Makes edits; problems are shown, and false is returned.
   async apply(...edits) {
-    try {
-      await this.ask({ type: "apply", shape: this.machine.data.shape ?? "", edits });
-      return true;
-    } catch (error) {
-      toast(error.message, "problem");
-      return false;
-    }
+    const request = { type: "apply", shape: this.machine.data.shape ?? "", edits };
+    return (await attempt(() => this.ask(request))) !== null;
   }
 
   // Writes a text, and includes others for it; the editor of the text shows a problem.
@@ -105,12 +100,8 @@ export class Editor {
   }
 
   // Asks for what needs no more than its name: undo, redo, convert.
-  async request(type) {
-    try {
-      toast(await this.ask({ type }));
-    } catch (error) {
-      toast(error.message, "problem");
-    }
+  request(type) {
+    return attempt(async () => toast(await this.ask({ type })));
   }
 
   async addState([x, y]) {

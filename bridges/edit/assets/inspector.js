@@ -1,7 +1,7 @@
 // The texts of what is selected: a state's sections and transitions, or the machine's declarations.
 
 import { Code } from "./code.js";
-import { $, actions, button, make, setText } from "./dom.js";
+import { $, actions, button, isNew, make, setText } from "./dom.js";
 
 const SHOWN = ["OnEntry", "OnExit", "Internal"]; // sections that are shown also if they are empty
 const SECTIONS = [...SHOWN, "OnSuspend", "OnResume"];
@@ -22,15 +22,12 @@ export class Inspector {
     this.editor = editor;
     this.codes = new Map();
     this.opened = new Set(); // parts that are shown although they are empty
-    this.key = null;
   }
 
   // Shows what is selected; the editors of texts that are still shown are kept.
   show() {
     const { state } = this.editor;
-    const key = this.describe();
-    if (key !== this.key) {
-      this.key = key;
+    if (isNew(this, "key", this.describe())) {
       const kept = this.codes;
       const focused = [...kept.values()].find((code) => code.view.hasFocus);
       this.codes = new Map();
@@ -52,7 +49,7 @@ export class Inspector {
     const targets = state ? this.machine.transitions(state).map((edge) => edge.target) : [];
     const others = PARTS.filter((part) => !SHOWN.includes(part) && data.texts[`${state}|${part}`]);
     const isInitial = state === data.states[0];
-    return JSON.stringify([state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.editable, [...this.opened]]);
+    return [state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.editable, [...this.opened]];
   }
 
   // Shows which transition is selected.

@@ -1,6 +1,6 @@
 // The simulation: the machine's code is run by a clock of its own, and fed by the fields shown here.
 
-import { $, actions, button, copy, make, setText, toast } from "./dom.js";
+import { $, actions, attempt, button, copy, make, setText, showText, toast } from "./dom.js";
 import { fieldOf } from "./form.js";
 import { plain } from "./schema.js";
 
@@ -86,12 +86,7 @@ export class Simulation {
 
   async request(request) {
     if (request.type !== "end") await this.posting; // what was set before is read by the next round
-    try {
-      return await this.ask(request);
-    } catch (error) {
-      toast(error.message, "problem");
-      return null;
-    }
+    return attempt(() => this.ask(request));
   }
 
   start() {
@@ -132,8 +127,7 @@ export class Simulation {
     for (const each of this.steps) each.disabled = Boolean(data.over);
     const stands = `${((data.time_ms ?? 0) / 1000).toFixed(3)} s, in ${data.state}${data.over ? ", over" : ""}`;
     setText(this.where, data.state ? stands : "");
-    this.problem.hidden = !data.error;
-    setText(this.problem, data.error ?? "");
+    showText(this.problem, data.error ?? "");
     this.follow();
     this.values.replaceChildren(
       ...[...(data.variables ?? []), ...Object.entries(data.posted ?? {})].flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]),
@@ -189,11 +183,7 @@ export class Simulation {
   async postAll() {
     for (const [slot, read] of this.waiting) {
       this.waiting.delete(slot);
-      try {
-        await this.ask({ type: "post", slot, message: read() });
-      } catch (error) {
-        toast(error.message, "problem");
-      }
+      await attempt(() => this.ask({ type: "post", slot, message: read() }));
     }
   }
 }

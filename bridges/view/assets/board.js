@@ -1,6 +1,6 @@
 // The board: a row for each slot, which expands to a tree of its value.
 
-import { $, Pace, Sight, actions, button, copy, make, place, setData, setText, toast } from "./dom.js";
+import { $, Pace, Sight, actions, button, copy, make, obey, place, setData, setText, showText, toast } from "./dom.js";
 import { byName, duration, number, rate, short } from "./format.js";
 import { closer, openForm, openSheet } from "./form.js";
 import { nameParts } from "./names.js";
@@ -239,10 +239,9 @@ export class Board {
     this.shown = groups.flat();
     const [found, total] = [shown, all].map((rows) => rows.filter((row) => !isOwn(row)).length);
     setText($("board-number"), words.length ? `${found} of ${total}` : String(total));
-    const empty = $("board-empty");
-    empty.hidden = shown.length > 0;
     $("rows").hidden = !shown.length;
-    setText(empty, all.length ? "No slot has these words in its name or type." : "No slots on this board yet.");
+    const empty = all.length ? "No slot has these words in its name or type." : "No slots on this board yet.";
+    showText($("board-empty"), shown.length ? "" : empty);
     if (!this.shown.includes(this.focused)) this.focusOn(this.shown[0] ?? null);
   }
 
@@ -260,10 +259,10 @@ export class Board {
 
   key(event) {
     const row = this.shown.find((each) => each.line === event.target);
-    if (!row || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!row) return;
     const reachable = this.shown.filter((each) => each.element.checkVisibility?.() ?? true);
     const step = (by) => reachable[reachable.indexOf(row) + by]?.line.focus();
-    const keys = {
+    obey(event, {
       ArrowDown: () => step(1),
       ArrowUp: () => step(-1),
       Home: () => reachable[0]?.line.focus(),
@@ -276,11 +275,7 @@ export class Board {
       },
       c: () => row.copy(),
       s: () => row.showSchema(),
-    };
-    if (!keys[event.key]) return;
-    event.preventDefault();
-    event.stopPropagation();
-    keys[event.key]();
+    });
   }
 
   draw(time) {

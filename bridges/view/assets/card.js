@@ -1,6 +1,6 @@
 // A machine's card: its diagram, timeline, variables, sensors, and what can be done with it.
 
-import { button, icon, make, setData, setText, toast } from "./dom.js";
+import { attempt, button, icon, isNew, make, setData, setText, showText, toast } from "./dom.js";
 import { Debugging } from "./debugging.js";
 import { Diagram } from "./diagram.js";
 import { clock, number, short } from "./format.js";
@@ -121,11 +121,7 @@ export class Card {
   }
 
   async request(action) {
-    try {
-      toast(await this.panel.ask({ type: "ask", machine: this.name, action }));
-    } catch (error) {
-      toast(error.message, "problem");
-    }
+    await attempt(async () => toast(await this.panel.ask({ type: "ask", machine: this.name, action })));
   }
 
   indexOf(state) {
@@ -158,9 +154,7 @@ export class Card {
       this.definition = undefined; // the connection will be restored
       return;
     }
-    const text = JSON.stringify(data);
-    if (text === this.text) return; // for example after a seek in a recording
-    this.text = text;
+    if (!isNew(this, "text", data)) return; // for example after a seek in a recording
     if (data.problem) {
       this.diagram = null;
       this.place.replaceChildren(make("p", { class: "problem" }, data.problem));
@@ -204,8 +198,7 @@ export class Card {
     setData(this.condition, "is", condition);
     setData(this.element, "condition", condition);
     const problem = machine.error || (machine.refusal && `not reloaded: ${machine.refusal}`);
-    this.error.hidden = !problem;
-    setText(this.error, problem);
+    showText(this.error, problem);
     const overruns = machine.overruns ? ` · ${number(machine.overruns)} overruns` : "";
     setText(this.facts, `${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
     this.light(machine);

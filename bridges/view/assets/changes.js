@@ -1,6 +1,6 @@
 // What differs between a moment of a recording that was marked and the one that is shown.
 
-import { $, Pace, make, setText } from "./dom.js";
+import { $, Pace, isNew, make, setText } from "./dom.js";
 import { byName, clock, exact } from "./format.js";
 import { actual, parts, plain } from "./schema.js";
 
@@ -87,9 +87,7 @@ export class Changes {
     if (this.marked === null || !this.stale || !this.pace.isDue(time)) return;
     this.stale = false;
     const found = differences(this.marked, picture(this.model));
-    const text = JSON.stringify(found);
-    if (text === this.shown) return;
-    this.shown = text;
+    if (!isNew(this, "shown", found)) return;
     setText($("changes-number"), found.length > MOST ? `${MOST} of ${found.length}` : String(found.length));
     $("changes-empty").hidden = found.length > 0;
     $("changes-table").replaceChildren(

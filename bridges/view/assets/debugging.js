@@ -1,6 +1,6 @@
 // Debugging a machine: pause and step, breakpoints, and why it is in its state.
 
-import { button, make, setData, setText, toast } from "./dom.js";
+import { attempt, button, isNew, make, setData, setText, showText } from "./dom.js";
 import { duration } from "./format.js";
 import { Kept } from "./kept.js";
 
@@ -22,7 +22,6 @@ export class Debugging {
     this.breakpoints = [];
     this.typed = new Set(); // breakpoints that were typed: they are kept once they are set
     this.kept = new Kept(board, name);
-    this.overridden = "";
     this.paused = make("p", { class: "paused", role: "status", hidden: true });
     this.pausing = make("p", { class: "pausing", hidden: true });
     this.controls = make("div", { class: "steps" });
@@ -70,12 +69,8 @@ export class Debugging {
     return input;
   }
 
-  async send(action, argument = "") {
-    try {
-      await this.ask({ type: "ask", machine: this.name, action, argument });
-    } catch (error) {
-      toast(error.message, "problem");
-    }
+  send(action, argument = "") {
+    return attempt(() => this.ask({ type: "ask", machine: this.name, action, argument }));
   }
 
   add(text) {
@@ -87,9 +82,8 @@ export class Debugging {
   }
 
   draw(machine, model, span) {
-    this.paused.hidden = this.pausing.hidden = !machine.paused;
-    setText(this.paused, `Paused: ${machine.paused}`);
-    setText(this.pausing, this.how(machine, model.now, span));
+    showText(this.paused, machine.paused && `Paused: ${machine.paused}`);
+    showText(this.pausing, machine.paused && this.how(machine, model.now, span));
     this.drawOverrides(machine.overridden);
     if (this.pause) {
       const isPaused = machine.condition === "paused";
@@ -117,8 +111,7 @@ export class Debugging {
   drawWhy([state, transitions, source, before, breakpoints, problem, evaluated, failed]) {
     fill(this.before, before, source && `seen as it ${failed ? "failed in" : "left"} ${source}`);
     fill(this.why, transitions, transitions.length ? `transitions of ${state}, ${when(evaluated)}` : "");
-    this.problem.hidden = !problem;
-    setText(this.problem, problem);
+    showText(this.problem, problem);
     if (breakpoints.join("\n") === this.breakpoints.join("\n")) return;
     this.breakpoints = breakpoints;
     this.keep();
@@ -148,8 +141,7 @@ export class Debugging {
   }
 
   drawOverrides(sensors) {
-    if (sensors.join("\n") === this.overridden) return;
-    this.overridden = sensors.join("\n");
+    if (!isNew(this, "overridden", sensors)) return;
     this.overrides.replaceChildren(
       ...sensors.map((sensor) => this.chip(`${sensor} is overridden ×`, "Release this sensor", () => this.send("release", sensor))),
     );

@@ -1,6 +1,6 @@
 // A machine's diagram from the server's geometry: highlighting, zooming and panning.
 
-import { make, makeSvg } from "./dom.js";
+import { make, makeSvg, obey } from "./dom.js";
 
 const FADE_MS = 1900; // how long a transition that was taken stays highlighted
 const STEP = 1.25;
@@ -239,22 +239,16 @@ export class Diagram {
     element.addEventListener("pointerup", release);
     element.addEventListener("pointercancel", release);
     element.addEventListener("dblclick", () => this.fit());
-    element.addEventListener("keydown", (event) => {
-      const keys = {
-        "+": () => this.zoom(STEP),
-        "=": () => this.zoom(STEP),
-        "-": () => this.zoom(1 / STEP),
-        0: () => this.fit(),
-        ".": () => this.follow(),
-        ArrowLeft: () => this.move(-0.1, 0),
-        ArrowRight: () => this.move(0.1, 0),
-        ArrowUp: () => this.move(0, -0.1),
-        ArrowDown: () => this.move(0, 0.1),
-      };
-      if (!keys[event.key] || event.ctrlKey || event.metaKey) return;
-      event.preventDefault();
-      event.stopPropagation();
-      keys[event.key]();
-    });
+    element.addEventListener("keydown", (event) => obey(event, {
+      "+": () => this.zoom(STEP),
+      "=": () => this.zoom(STEP),
+      "-": () => this.zoom(1 / STEP),
+      0: () => this.fit(),
+      ".": () => this.follow(),
+      ArrowLeft: () => this.move(-0.1, 0),
+      ArrowRight: () => this.move(0.1, 0),
+      ArrowUp: () => this.move(0, -0.1),
+      ArrowDown: () => this.move(0, 0.1),
+    }));
   }
 }

@@ -51,6 +51,12 @@ export function setText(element, text) {
   else if (node.nodeValue !== text) node.nodeValue = text;
 }
 
+// Shows a text, and the element only if there is one.
+export function showText(element, text) {
+  setText(element, text);
+  element.hidden = !text;
+}
+
 export function setData(element, name, value) {
   if (element.dataset[name] !== value) element.dataset[name] = value;
 }
@@ -149,6 +155,32 @@ export function toast(text, kind = "done") {
   place.replaceChildren(make("p", { "data-is": kind }, text));
   clearTimeout(toastTimer);
   toastTimer = setTimeout(() => place.replaceChildren(), kind === "problem" ? 8000 : 2500);
+}
+
+// Does what the server may refuse: shows its problem, and returns null.
+export async function attempt(act) {
+  try {
+    return await act();
+  } catch (error) {
+    toast(error.message, "problem");
+    return null;
+  }
+}
+
+// Does what belongs to a key, unless another one is held with it.
+export function obey(event, acts) {
+  if (!acts[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+  event.preventDefault();
+  event.stopPropagation();
+  acts[event.key]();
+}
+
+// Whether something differs from what it was when its owner last looked at it, under this name.
+export function isNew(owner, name, value) {
+  const text = JSON.stringify(value);
+  if (owner[name] === text) return false;
+  owner[name] = text;
+  return true;
 }
 
 export async function copy(text) {

@@ -1,9 +1,10 @@
 // The page of a fleet: a row for each host, those in trouble first; each leads to the host's own page.
 
-import { $, make, setData, setText } from "./dom.js";
+import { $, isNew, make, setData, setText, showText } from "./dom.js";
 import { byName, duration, flow, rate } from "./format.js";
+import { listen } from "./keys.js";
 import { Link } from "./link.js";
-import { listKeys, showConnection, showTrouble, takeToken, useTheme, withToken } from "./page.js";
+import { showConnection, showTrouble, takeToken, useTheme, withToken } from "./page.js";
 
 const DRAW_MS = 200; // between two drawings: the ages are in tenths of a second
 const WORST = ["lost", "failed", "clock", ""];
@@ -15,16 +16,16 @@ const hosts = new Map(); // by name: what was received, and its row
 let now = 0; // of the last frame, and when it came
 let received = 0;
 let trouble = "";
-let isNew = false; // the connection: its first frame has all hosts
+let isFirst = false; // the connection: its first frame has all hosts
 
 function take(frame) {
   now = frame.now;
   received = performance.now();
   if ("trouble" in frame) showTrouble((trouble = frame.trouble));
   const news = Object.entries(frame.hosts ?? {});
-  if (isNew) for (const name of hosts.keys()) if (!frame.hosts?.[name]) hosts.delete(name);
-  if (!news.length && !isNew) return;
-  isNew = false;
+  if (isFirst) for (const name of hosts.keys()) if (!frame.hosts?.[name]) hosts.delete(name);
+  if (!news.length && !isFirst) return;
+  isFirst = false;
   for (const [name, data] of news) {
     if (data) hosts.set(name, { row: hosts.get(name)?.row ?? makeRow(name), ...data });
     else hosts.delete(name);
@@ -55,8 +56,8 @@ function place() {
     $("hosts").replaceChildren(...rows);
     if (rows.includes(focused)) focused.focus();
   }
-  $("fleet-empty").hidden = rows.length > 0;
-  setText($("fleet-empty"), hosts.size ? "No host has such a name." : "No hosts with names are there yet.");
+  const empty = hosts.size ? "No host has such a name." : "No hosts with names are there yet.";
+  showText($("fleet-empty"), rows.length ? "" : empty);
   setText($("fleet-number"), rows.length < hosts.size ? `${rows.length} of ${hosts.size}` : `${hosts.size}`);
   const count = (what) => [...hosts.values()].filter((each) => each.trouble === what).length;
   const counts = [[count("lost"), "lost"], [count("failed"), "in trouble"], [count("clock"), "with a wrong clock"]];
@@ -108,33 +109,20 @@ function showTroubles(list, summary) {
   const texts = troubles.map(([machine, condition, error]) => [machine, `${condition}${error ? `: ${error}` : ""}`]);
   const hidden = (summary?.troubled ?? 0) - troubles.length;
   if (hidden > 0) texts.push(["", `and ${hidden} more`]);
-  const key = JSON.stringify(texts);
-  if (list.dataset.shown === key) return;
-  list.dataset.shown = key;
+  if (!isNew(list, "shown", texts)) return;
   list.replaceChildren(...texts.map(([machine, text]) => make("li", {}, make("b", {}, machine), ` ${text}`)));
 }
 
 function showLink(state, problem = "", about = null) {
   showConnection(state, problem, trouble, about);
-  if (about) isNew = true;
+  if (about) isFirst = true;
 }
 
-const toggleTheme = useTheme();
-listKeys([
-  ["/", "filter the hosts"],
-  ["t", "switch between light and dark"],
+listen([
+  ["/", "filter the hosts", () => $("fleet-filter").focus()],
+  ["t", "switch between light and dark", useTheme()],
   ["Tab  Enter", "go to a host, open its page"],
-  ["?", "show these keys"],
 ]);
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  const field = event.target.closest("input");
-  if (event.key === "Escape") field?.blur();
-  const act = { "/": () => $("fleet-filter").focus(), t: toggleTheme, "?": () => $("keys").showModal() }[event.key];
-  if (!act || field) return;
-  event.preventDefault();
-  act();
-});
 $("fleet-filter").addEventListener("input", place);
 setInterval(draw, DRAW_MS);
 link.start();

@@ -1,19 +1,19 @@
 // A form to post a message, made from the slot's schema and filled with its latest message.
 
-import { $, actions, button, make, setText, toast } from "./dom.js";
+import { $, actions, button, make, setText, showText, toast } from "./dom.js";
 import { actual, isNumber, parts, plain } from "./schema.js";
 
 const MOST_ITEMS = 8; // that have fields of their own
 
 // Returns [element, read]; read() returns the value or throws an error.
 export function fieldOf(name, schema, value) {
-  if (schema.type === "object" && schema.properties) return group(name, schema, value);
+  if (schema.type === "object" && schema.properties) return group(name, Object.entries(schema.properties), value, Object.fromEntries);
   if (Array.isArray(schema.enum)) return choice(name, schema, value);
   if (schema.type === "boolean") return check(name, value);
   if (isNumber(schema)) return numeric(name, schema, value);
   if (schema.type === "string") return text(name, schema, value);
   const items = itemsOf(schema);
-  if (items) return array(name, items, value);
+  if (items) return group(name, Object.entries(items), value, (read) => read.map(([, each]) => each));
   return json(name, schema, value);
 }
 
@@ -21,14 +21,12 @@ function labelled(name, input, hint = "") {
   return make("label", {}, make("span", { class: "key" }, name), input, make("small", {}, hint));
 }
 
-function group(name, schema, value) {
-  const inner = Object.entries(schema.properties).map(([key, part], i) => [
-    key,
-    ...fieldOf(key, part, Array.isArray(value) ? value[i] : undefined),
-  ]);
+// Some fields, by their names or numbers; `join` makes the value of pairs of them and of what was read.
+function group(name, fields, value, join) {
+  const inner = fields.map(([key, part], i) => [key, ...fieldOf(key, part, Array.isArray(value) ? value[i] : undefined)]);
   const legend = name ? [make("legend", {}, name)] : [];
   const element = make("fieldset", {}, ...legend, ...inner.map(([, field]) => field));
-  return [element, () => Object.fromEntries(inner.map(([key, , read]) => [key, read()]))];
+  return [element, () => join(inner.map(([key, , read]) => [key, read()]))];
 }
 
 // The schemas of an array's items, if it always has the same few; else null.
@@ -37,12 +35,6 @@ function itemsOf(schema) {
   if (schema.prefixItems) return schema.prefixItems;
   const { minItems, maxItems, items } = schema;
   return minItems === maxItems && minItems <= MOST_ITEMS ? Array(minItems).fill(items) : null;
-}
-
-function array(name, items, value) {
-  const inner = items.map((part, i) => fieldOf(String(i), part, Array.isArray(value) ? value[i] : undefined));
-  const element = make("fieldset", {}, make("legend", {}, name), ...inner.map(([field]) => field));
-  return [element, () => inner.map(([, read]) => read())];
 }
 
 function choice(name, schema, value) {
@@ -105,10 +97,9 @@ export function openForm(slot, post) {
         event.preventDefault();
         try {
           toast(await post(read()));
-          problem.hidden = true;
+          showText(problem, "");
         } catch (error) {
-          setText(problem, error.message);
-          problem.hidden = false;
+          showText(problem, error.message);
         }
       },
     },

@@ -1,6 +1,6 @@
 // What has happened, the newest first. It is asked for only while it is shown.
 
-import { $, Pace, button, make, setData, setText } from "./dom.js";
+import { $, Pace, button, isNew, make, setData, setText, showText } from "./dom.js";
 import { exact } from "./format.js";
 
 const PULL_MS = 400; // between two requests
@@ -14,7 +14,6 @@ export class EventLog {
     this.span = null;
     this.most = MOST;
     this.pace = new Pace(PULL_MS);
-    this.shown = "";
     $("log-fold").addEventListener("click", () => this.toggle());
     $("log-filter").addEventListener("input", () => this.search());
     $("log-more").addEventListener("click", () => {
@@ -64,12 +63,10 @@ export class EventLog {
   }
 
   show({ events, complete }) {
-    const text = JSON.stringify([events, complete]);
-    if (text === this.shown) return;
-    this.shown = text;
+    if (!isNew(this, "shown", [events, complete])) return;
     $("log-table").replaceChildren(...events.map((event) => this.row(event)));
-    $("log-empty").hidden = events.length > 0;
-    setText($("log-empty"), $("log-filter").value ? "No event has these words." : "Nothing has happened yet.");
+    const empty = $("log-filter").value ? "No event has these words." : "Nothing has happened yet.";
+    showText($("log-empty"), events.length ? "" : empty);
     setText($("log-number"), complete ? String(events.length) : `the latest ${events.length}`);
     $("log-more").hidden = complete;
   }

@@ -1,6 +1,6 @@
 // The machines: a card each, which are found, folded and put in order.
 
-import { $, Pace, Sight, place, setData, setText } from "./dom.js";
+import { $, Pace, Sight, place, setData, setText, showText } from "./dom.js";
 import { Card } from "./card.js";
 import { byName } from "./format.js";
 
@@ -86,8 +86,8 @@ export class Machines {
     }
     const total = this.cards.size;
     setText($("machines-number"), this.words ? `${shown} of ${total}` : String(total));
-    $("machines-empty").hidden = shown > 0;
-    setText($("machines-empty"), total ? "No machine or state has this name." : "No machines on this board yet.");
+    const empty = total ? "No machine or state has this name." : "No machines on this board yet.";
+    showText($("machines-empty"), shown ? "" : empty);
     const open = [...this.cards.values()].some((card) => !card.folded);
     setText($("machines-fold"), open ? "Fold all" : "Unfold all");
   }

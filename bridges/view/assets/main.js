@@ -2,7 +2,7 @@
 
 import { Board } from "./board.js";
 import { Changes } from "./changes.js";
-import { $, setText } from "./dom.js";
+import { $, setText, showText } from "./dom.js";
 import { Field } from "./field.js";
 import { number } from "./format.js";
 import { listen } from "./keys.js";
@@ -37,7 +37,7 @@ function take(frame) {
   for (const view of views) view.update?.(changed);
   if (machines.canControl) renewals.look();
   if ("trouble" in frame) showTrouble(frame.trouble);
-  if ("contested" in frame) showContested(frame.contested);
+  if ("contested" in frame) showText($("contested"), frame.contested.join("; "));
   dirty = true;
 }
 
@@ -48,11 +48,6 @@ function draw(time) {
   dirty = false;
   for (const view of views) view.draw(time);
   player.draw();
-}
-
-function showContested(sentences) {
-  setText($("contested"), sentences.join("; "));
-  $("contested").hidden = !sentences.length;
 }
 
 function showLink(state, problem = "", about = null) {
@@ -78,19 +73,20 @@ function redraw() {
 
 const toggleTheme = useTheme(redraw);
 new ResizeObserver(redraw).observe(document.body);
-listen({
-  escape: () => machines.escape(),
-  keys: {
-    "/": () => $("board-filter").focus(),
-    e: () => log.toggle(),
-    m: () => $("machines-search").focus(),
-    f: () => machines.foldAll(),
-    t: toggleTheme,
-    " ": () => player.toggle(),
-    k: () => changes.mark(),
-    l: () => player.copyLink(),
-  },
-});
+listen([
+  ["/", "filter the slots", () => $("board-filter").focus()],
+  ["m", "find a machine or a state", () => $("machines-search").focus()],
+  ["e", "show or hide the events", () => log.toggle()],
+  ["f", "fold or unfold all machines", () => machines.foldAll()],
+  ["t", "switch between light and dark", toggleTheme],
+  ["Space", "play or pause a recording", () => player.toggle()],
+  ["k", "mark a moment of a recording, to see what changes from it", () => changes.mark()],
+  ["l", "copy the link to this moment of a recording", () => player.copyLink()],
+  ["↑ ↓ Enter", "move through the slots, expand one"],
+  ["p  c  s", "pin a slot, copy its value, show its schema"],
+  ["+  −  0  .", "in a diagram: zoom, fit, follow; arrows pan"],
+  ["Enter  Esc", "in a diagram: fill the window, and back"],
+], () => machines.escape());
 setInterval(() => {
   model.measure();
   const total = [...model.slots.values()].reduce((sum, slot) => sum + (slot.rate ?? 0), 0);

@@ -1,6 +1,6 @@
 // What the pages have in common: the token, light and dark, and the list of keys.
 
-import { $, forgetColors, make, setData, setText } from "./dom.js";
+import { $, forgetColors, make, setData, setText, showText } from "./dom.js";
 
 const TOKEN = "llfsm.token";
 const THEME = "llfsm.theme";
@@ -51,8 +51,7 @@ export function listKeys(pairs) {
 }
 
 export function showTrouble(text) {
-  setText($("trouble"), text ? text[0].toUpperCase() + text.slice(1) : "");
-  $("trouble").hidden = !text;
+  showText($("trouble"), text && text[0].toUpperCase() + text.slice(1));
 }
 
 const LINKS = {

@@ -1,6 +1,6 @@
 // The time slider of a recording.
 
-import { $, copy, make, setText, toast } from "./dom.js";
+import { $, attempt, copy, make, setText } from "./dom.js";
 import { clock } from "./format.js";
 import { addressOf, momentIn } from "./moment.js";
 
@@ -42,14 +42,12 @@ export class Player {
   async open() {
     const moment = momentIn(location.hash);
     if (moment === null) return;
-    try {
+    await attempt(async () => {
       if (Number.isNaN(moment)) throw new Error(`${location.hash} is no time; write seconds, as in #t=3.25`);
       await this.ask({ type: "play", speed: 0 });
       await this.ask({ type: "seek", at: moment });
       history.replaceState(null, "", location.pathname);
-    } catch (error) {
-      toast(error.message, "problem");
-    }
+    });
   }
 
   copyLink() {

@@ -1,20 +1,11 @@
 // A message is sent as its fields' values, in the order of the slot's schema: here they are joined.
 
-function fits(schema, value) {
-  if ("enum" in schema) return schema.enum.includes(value);
-  switch (schema.type) {
-    case "null":
-      return value === null;
-    case "boolean":
-      return typeof value === "boolean";
-    case "integer":
-    case "number":
-      return typeof value === "number" || typeof value === "bigint";
-    case "string":
-      return typeof value === "string";
-    default:
-      return Array.isArray(value);
-  }
+const TYPES = { boolean: ["boolean"], integer: ["number", "bigint"], number: ["number", "bigint"], string: ["string"] };
+
+function fits({ type, enum: values }, value) {
+  if (values) return values.includes(value);
+  if (type === "null") return value === null;
+  return TYPES[type]?.includes(typeof value) ?? Array.isArray(value);
 }
 
 // Returns the member of a union that a value belongs to.

@@ -1,6 +1,6 @@
 // The states of a machine over time, as coloured bands, with an axis and a legend.
 
-import { color, context, isDark, make, sans, setText } from "./dom.js";
+import { color, context, isDark, isNew, make, sans, setText } from "./dom.js";
 import { duration } from "./format.js";
 import { ticks } from "./ticks.js";
 
@@ -18,7 +18,6 @@ export class Timeline {
     this.stateIndex = stateIndex;
     this.bands = [];
     this.ticks = []; // pairs of a pixel and its label
-    this.explained = "";
     this.canvas = make("canvas", { class: "timeline", role: "img", "aria-label": `States of ${name} over time` });
     this.canvas.addEventListener("pointermove", (event) => this.describe(event));
     this.axis = make("canvas", { class: "axis", "aria-hidden": "true" });
@@ -110,9 +109,7 @@ export class Timeline {
   explain(shown) {
     const rank = (name) => (name.startsWith("(") ? Infinity : this.stateIndex(name));
     const entries = [...shown].sort(([a], [b]) => (rank(a) < rank(b) ? -1 : 1));
-    const text = entries.flat().join("\n");
-    if (text === this.explained) return;
-    this.explained = text;
+    if (!isNew(this, "explained", entries)) return;
     this.legend.replaceChildren(
       ...entries.map(([name, tone]) => {
         const entry = make("span", {}, make("i", {}), make("span", {}));

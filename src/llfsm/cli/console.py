@@ -11,10 +11,7 @@ from types import FrameType
 
 
 def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -> None:
-    """Log the texts of messages from `level` on to `handlers`, by default to standard error.
-
-    Nothing is logged if the console `is_on` is false, as ROS's arguments may say.
-    """
+    """Log messages from `level` on to `handlers`, by default to standard error, if that `is_on`."""
     used = handlers or (logging.StreamHandler(),)
     if not is_on:
         used = (logging.NullHandler(),)  # without a handler, Python would print warnings

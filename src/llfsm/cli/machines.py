@@ -71,10 +71,7 @@ def _text(error: BaseException) -> str:
 
 
 def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:
-    """Return the folder of the bundle called `name`, with or without ``.machine``, or None.
-
-    `name` is a path from one of `folders`, by default the current one.
-    """
+    """Find a bundle by its path from one of `folders`, with or without ``.machine``."""
     path = Path(name)
     names = (path, path.with_name(path.name + SUFFIX)) if path.name else ()
     for folder in (each.absolute() for each in folders):
@@ -231,17 +228,13 @@ def _import(module: str, name: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
-        if isinstance(error, ModuleNotFoundError) and _is_within(module, error.name):
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
             near = did_you_mean(module, {file.stem for file in Path().glob(f"*{_PYTHON}")})
             raise click.UsageError(f"{name}: there is no module {error.name!r}{near}") from error
         place = _place(error)
         if place is None:
             raise
         raise MachineImportError(error, *place) from error
-
-
-def _is_within(module: str, package: str | None) -> bool:
-    return package is not None and f"{module}.".startswith(f"{package}.")
 
 
 def _place(error: BaseException) -> tuple[str, int] | None:
@@ -255,10 +248,7 @@ def _place(error: BaseException) -> tuple[str, int] | None:
 
 
 class ResolvedPlan:
-    """A plan with the `classes` of its machines, by the names that they get, in the plan's order.
-
-    `library` finds those that their code loads by name, for `assemble`.
-    """
+    """A plan with its machines' `classes` by name, and a `library` for those that they load."""
 
     def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
         found = [_find(planned, folders, source) for planned in plan.machines]
@@ -274,31 +264,27 @@ class ResolvedPlan:
         return assemble(self.plan, self.classes, environment, library=self.library, **options)
 
     def set(self, texts: Iterable[str]) -> None:
-        """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``.
-
-        Raise ``click.UsageError`` for a text that names no machine, variable or slot.
-        """
+        """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``."""
         machines = dict(zip(self.classes, self.plan.machines, strict=True))
         for text in texts:
             place, _, value = text.partition("=")
             name, _, what = place.partition(":")
-            if name not in machines:
-                known = ", ".join(machines) or "none"
-                raise click.UsageError(
-                    f"{text!r}: no machine {name!r}; there are: {known}"
-                    f"{did_you_mean(name, machines)}"
-                )
-            planned = machines[name]
+            _require(text, name, machines, "no machine", "there are")
+            planned, table = machines[name], self.classes[name].table
             if planned.preload:
                 raise click.UsageError(
                     f"{text!r}: {name} is only preloaded; the machine that loads it sets that"
                 )
             if what.endswith(":"):
-                slot = _slot(text, name, self.classes[name], what[:-1])
-                machines[name] = replace(planned, slots={**planned.slots, slot: value})
-            else:
-                typed = _typed(text, name, self.classes[name], what, value)
-                machines[name] = replace(planned, variables={**planned.variables, what: typed})
+                _require(text, what[:-1], table.slots, f"{name} uses no slot", "it uses")
+                machines[name] = replace(planned, slots={**planned.slots, what[:-1]: value})
+                continue
+            _require(text, what, table.variables, f"{name} has no variable", "it has")
+            try:
+                typed = msgspec.convert(value, table.variables[what].type, strict=False)
+            except msgspec.ValidationError as error:
+                raise click.UsageError(f"{text!r}: {error}") from error
+            machines[name] = replace(planned, variables={**planned.variables, what: typed})
         self.plan = replace(self.plan, machines=tuple(machines.values()))
 
 
@@ -362,10 +348,8 @@ def parse_arguments(
 
 def _named(text: str) -> PlannedMachine:
     """Read ``definition`` or ``name=definition``."""
-    name, equals, definition = text.partition("=")
-    if not equals:
-        return PlannedMachine(definition=text)
-    return PlannedMachine(definition=definition, name=name)
+    *names, definition = text.split("=", 1)
+    return PlannedMachine(definition=definition, name=names[0] if names else None)
 
 
 def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
@@ -380,25 +364,10 @@ def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type
         raise click.UsageError(why) from error
 
 
-def _slot(text: str, name: str, cls: type[Machine], slot: str) -> str:
-    known = cls.table.slots
-    if slot not in known:
+def _require(text: str, wanted: str, known: Iterable[str], what: str, there: str) -> None:
+    """Refuse a setting of what is not among those that are `known`."""
+    if wanted not in known:
         names = ", ".join(known) or "none"
         raise click.UsageError(
-            f"{text!r}: {name} uses no slot {slot!r}; it uses: {names}{did_you_mean(slot, known)}"
+            f"{text!r}: {what} {wanted!r}; {there}: {names}{did_you_mean(wanted, known)}"
         )
-    return slot
-
-
-def _typed(text: str, name: str, cls: type[Machine], variable: str, value: str) -> Any:
-    known = cls.table.variables
-    if variable not in known:
-        names = ", ".join(known) or "none"
-        raise click.UsageError(
-            f"{text!r}: {name} has no variable {variable!r}; it has: {names}"
-            f"{did_you_mean(variable, known)}"
-        )
-    try:
-        return msgspec.convert(value, known[variable].type, strict=False)
-    except msgspec.ValidationError as error:
-        raise click.UsageError(f"{text!r}: {error}") from error

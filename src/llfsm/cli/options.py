@@ -6,10 +6,10 @@ import functools
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import click
 
@@ -17,12 +17,24 @@ from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import DIRECTORY, board_path, default_name
 from llfsm.whiteboard.mirror.naming import require_host_name
 
+Command: TypeAlias = Callable[..., Any]
+
+
+def collected(
+    command: Command, name: str, make: Callable[..., Any], options: Iterable[str]
+) -> Command:
+    """Give a command one argument, which `make` makes of those options, in their place."""
+
+    @functools.wraps(command)
+    def with_one(**arguments: Any) -> Any:
+        one = make(*map(arguments.pop, options))
+        return command(**arguments, **{name: one})
+
+    return with_one
+
 
 class Integer(click.IntRange):
-    """A whole number, within a range if one is given.
-
-    Errors call it so: click speaks of an "integer range", also where there is none.
-    """
+    """A whole number, maybe within a range; click would call it an "integer range" in any case."""
 
     name = "integer"
 
@@ -33,7 +45,7 @@ class Number(click.FloatRange):
     name = "number"
 
 
-def file_option(*names: str, **settings: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def file_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
     """Make an option that takes the path of a file."""
     return click.option(*names, metavar="FILE", type=click.Path(path_type=Path), **settings)
 
@@ -78,17 +90,14 @@ class BoardPlace(NamedTuple):
         return "--board", self.name, "--directory", self.directory
 
 
-def board_option(
-    command: Callable[..., Any] | None = None, *, default: str | None = None
-) -> Callable[..., Any]:
+def board_option(command: Command | None = None, *, default: str | None = None) -> Command:
     """Add the options that name a whiteboard; the command gets them as `board`, a `BoardPlace`."""
     if command is None:
         return functools.partial(board_option, default=default)
 
-    @functools.wraps(command)
-    def with_place(*arguments: Any, board: str, directory: str, **options: Any) -> Any:
+    def place(board: str, directory: str) -> BoardPlace:
         board_path(board, directory)  # raises an error for a name that no board can have
-        return command(*arguments, board=BoardPlace(board, directory), **options)
+        return BoardPlace(board, directory)
 
     what = f"{default}" if default else "$WHITEBOARD_NAME, else `whiteboard`"
     option = click.option(
@@ -98,7 +107,7 @@ def board_option(
         default=default or default_name,
         help=f"The whiteboard; by default {what}.",
     )
-    return option(directory_option(with_place))
+    return option(directory_option(collected(command, "board", place, ("board", "directory"))))
 
 
 break_option = click.option(
@@ -175,14 +184,14 @@ until_eof_option = click.option(
 """A command that has it calls :func:`end_with_input` once it can end well."""
 
 
-def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def supervised_options(command: Command) -> Command:
     """Add the options of a command that uses a whiteboard and may run under a supervisor."""
     return click.option(
         "--remove-board", is_flag=True, help="Remove the whiteboard at the end, on errors too."
     )(until_eof_option(command))
 
 
-def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def output_option(what: str) -> Callable[[Command], Command]:
     """Return the option ``--output``: the folder in which to make `what`, named in its help."""
     return click.option(
         "-o",
@@ -195,10 +204,7 @@ def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any
 
 
 def given_option(*names: str) -> str | None:
-    """Return the first of these parameters that the command line gives, as written there.
-
-    None if it gives none. Errors name it as an option to leave out.
-    """
+    """Find the first of these parameters that the command line gives, as written there."""
     context = click.get_current_context()
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")

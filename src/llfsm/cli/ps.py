@@ -73,19 +73,17 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
     there = boards(board.directory) if every else ()
     used = (board._replace(name=info.name) for info in there if info.used)
     found = listings(used) if every else [_listing(board, fleet=fleet, host=host)]
+    rows = [(listing, machine) for listing in found for machine in listing.machines]
     if as_json:
-        for listing in found:
-            for machine in listing.machines:
-                click.echo(json.dumps(_plain(listing, machine)))
+        for row in rows:
+            click.echo(json.dumps(_plain(*row)))
         return
-    rows = [(listing.board, machine) for listing in found for machine in listing.machines]
     first = ("WHITEBOARD",) if every else ("HOST",) if fleet else ()
     lines: list[tuple[str, ...]] = [(*first, *_HEADS)]
-    for listing in found:
-        for machine in listing.machines:
-            of = listing.hosts.of_machine(machine.name) or machine.status.host
-            first = (listing.board,) if every else (of,) if fleet else ()
-            lines.append((*first, *_row(machine)))
+    for listing, machine in rows:
+        of = listing.hosts.of_machine(machine.name) or machine.status.host
+        first = (listing.board,) if every else (of,) if fleet else ()
+        lines.append((*first, *_row(machine)))
     if not any(machine.status.realtime for _, machine in rows):
         lines = [line[:-1] for line in lines]
     if not rows:
@@ -125,11 +123,7 @@ def _none(board: BoardPlace, *, every: bool, fleet: bool, host: str) -> str:
 
 
 def listings(places: Iterable[BoardPlace]) -> list[Listing]:
-    """List the machines on whiteboards.
-
-    A whiteboard that no longer exists is skipped; one that cannot be read is reported on standard
-    error.
-    """
+    """List the machines on whiteboards; skip those that are gone, report those that are damaged."""
     found = []
     for place in places:
         try:
@@ -239,10 +233,8 @@ class SlotRow(NamedTuple):
 
     name: str
     sample: Sample[Message] | None
-    rate: float
-    """Changes per second."""
-    problem: str = ""
-    """Why its message cannot be shown."""
+    rate: float  # changes per second
+    problem: str = ""  # why its message cannot be shown
 
     @property
     def age_s(self) -> float:

@@ -29,23 +29,14 @@ from llfsm.cli.options import (
 from llfsm.cli.ps import shown_of
 from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.presence.hosts import HostNames
-from llfsm.whiteboard import (
-    BoardClosedError,
-    Whiteboard,
-    WhiteboardError,
-)
+from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.liveness import host_name
 
 _MB = 1_000_000
 
 
 @click.command()
-@file_option(
-    "-o",
-    "--output",
-    required=True,
-    help="The recording to make, an MCAP file.",
-)
+@file_option("-o", "--output", required=True, help="The recording to make, an MCAP file.")
 @board_option
 @slots_option
 @host_option

@@ -47,11 +47,7 @@ from llfsm.whiteboard.slot_names import is_own
     help="Begin at this second, with every slot as it was then.",
 )
 @click.option("--loop", is_flag=True, help="Start over at the end, until Ctrl-C.")
-@click.option(
-    "--step",
-    is_flag=True,
-    help="Go on to the next message or transition at each Enter.",
-)
+@click.option("--step", is_flag=True, help="Go on to the next message or transition at each Enter.")
 def replay(
     file: Path,
     board: BoardPlace,

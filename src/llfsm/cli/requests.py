@@ -149,10 +149,7 @@ def why(machine: str, board: BoardPlace) -> None:
 
 
 def fetch_why(board: Board, machine: str) -> MachineWhy:
-    """Have a machine publish why it is in its state, and return that.
-
-    Raise ``click.ClickException`` if it has not answered after `PATIENCE_S` seconds.
-    """
+    """Have a machine publish why it is in its state, within `PATIENCE_S`; return that."""
     slot, until = board[why_slot(machine)], time.monotonic() + PATIENCE_S
     names, before = HostNames(board), slot.count
     while time.monotonic() < until:
@@ -315,10 +312,7 @@ def override(
 
 
 def _debug(board: Board, remote: RemoteMachine, request: MachineRequest) -> MachineStatus:
-    """Have the machines of a process paused, stepped or continued; return the status then.
-
-    Raise ``click.ClickException`` if that takes more than a few seconds, or it ends instead.
-    """
+    """Have the machines of a process paused, stepped or continued; return the status then."""
 
     def is_done(status: MachineStatus) -> bool:
         return bool(status.paused) == (request.action != "continue")

@@ -41,10 +41,7 @@ from llfsm.runtime.verification import Member
 def plan_of_one(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> tuple[RecordedJournal, ResolvedPlan]:
-    """Find the only arrangement, or the one whose machines have the names of `machines`.
-
-    Raise what `_resolve` raises.
-    """
+    """Find the only arrangement, or the one whose machines have the names of `machines`."""
     journals = whole_journals(recording)
     if len(journals) > 1:
         names = {journal.about.get("machines", "?"): journal for journal in journals}
@@ -206,11 +203,7 @@ def _members(resolved: ResolvedPlan) -> Iterator[Member]:
     help="What must be as recorded: all events (default), states and posts, or posts alone.",
 )
 @topics_option
-@file_option(
-    "--record",
-    "recorded",
-    help="For a bag: record what the machines do on its topics.",
-)
+@file_option("--record", "recorded", help="For a bag: record what the machines do on its topics.")
 def rerun(
     file: Path,
     machines: tuple[str, ...],
@@ -238,7 +231,6 @@ def rerun(
     if recording.is_bag:
         if events := given_option("trust", "compare"):
             raise click.UsageError(f"{file} is a bag, without events of machines: omit {events}")
-
         rerun_bag(recording, machines, recorded)
         return
     if of_bag := given_option("config", "recorded"):

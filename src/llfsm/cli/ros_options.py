@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from llfsm.bridges.ros2.defaults import DOMAINS, ROS_ARGUMENTS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
-from llfsm.cli.options import BoardPlace, Integer, board_option, given_option, supervised_options
+from llfsm.cli.options import (
+    BoardPlace,
+    Command,
+    Integer,
+    board_option,
+    collected,
+    given_option,
+    supervised_options,
+)
 
 if TYPE_CHECKING:  # what commands that have such options need only with ROS
     from llfsm.bridges.ros2.ros_arguments import RosArguments
     from llfsm.bridges.ros2.transport import Transport
-
-
-Command = Callable[..., Any]
 
 
 _META = "llfsm.ros_arguments"
@@ -58,13 +62,30 @@ def require_ros(*names: str, ros: bool, by: str = "--ros") -> None:
         raise click.UsageError(f"{by} is needed for {given}")
 
 
+class GraphOptions(NamedTuple):
+    """The options that choose a ROS graph, by their names."""
+
+    transport: str
+    domain: int | None
+    router: tuple[str, ...]
+
+    def open(self, enclave: str) -> Transport:
+        """Open the transport that they name; raise :class:`.TransportError`."""
+        from llfsm.bridges.ros2.opening import keep_freed_memory, open_transport
+
+        if self.router and self.transport == "rclpy":
+            raise click.UsageError(
+                "--router is for --transport zenoh: rclpy has its own configuration"
+            )
+        keep_freed_memory()
+        return open_transport(self.transport, self.domain, router=self.router, enclave=enclave)
+
+
 class BridgeOptions(NamedTuple):
     """The options of commands that run a bridge: the ROS graph, the whiteboard, how to run."""
 
     node: str | None
-    transport: str
-    domain: int | None
-    router: tuple[str, ...]
+    graph: GraphOptions
     board: BoardPlace
     remove_board: bool
     quiet: bool
@@ -72,13 +93,7 @@ class BridgeOptions(NamedTuple):
 
 def bridge_options(command: Command) -> Command:
     """Add the options, which reach the command as one argument, ``options``."""
-
-    @functools.wraps(command)
-    def with_options(**arguments: Any) -> Any:
-        options = BridgeOptions(**{name: arguments.pop(name) for name in BridgeOptions._fields})
-        return command(**arguments, options=options)
-
-    optioned: Command = with_options
+    optioned = collected(command, "options", BridgeOptions, BridgeOptions._fields)
     for option in (
         click.option("--quiet", "-q", is_flag=True, help="Print problems only, no counts."),
         supervised_options,
@@ -92,26 +107,12 @@ def bridge_options(command: Command) -> Command:
     return optioned
 
 
-def open_chosen(
-    transport: str, domain: int | None, router: tuple[str, ...], enclave: str = ""
-) -> Transport:
-    """Open the transport that the options name; raise :class:`.TransportError`."""
-    from llfsm.bridges.ros2.opening import keep_freed_memory, open_transport
-
-    if router and transport == "rclpy":
-        raise click.UsageError("--router is for --transport zenoh: rclpy has its own configuration")
-    keep_freed_memory()
-    return open_transport(transport, domain, router=router, enclave=enclave)
-
-
 def ros_options(only: str = "") -> Callable[[Command], Command]:
-    """Make a decorator that adds the options of :func:`open_chosen`.
-
-    ``only`` is added to their help texts, as " (with --ros)".
-    """
+    """Make a decorator that adds `GraphOptions` as ``graph``; their help texts contain ``only``."""
 
     def add(command: Command) -> Command:
-        return transport_option(only)(domain_option(only)(router_option(only)(command)))
+        optioned = collected(command, "graph", GraphOptions, GraphOptions._fields)
+        return transport_option(only)(domain_option(only)(router_option(only)(optioned)))
 
     return add
 

@@ -25,7 +25,7 @@ from llfsm.cli.options import (
     given_option,
     supervised_options,
 )
-from llfsm.cli.ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
+from llfsm.cli.ros_options import GraphOptions, RosCommand, require_ros, ros_arguments, ros_options
 from llfsm.runtime.engine.realtime import StopRequest
 
 _LOG = logging.getLogger("turtlesim").log
@@ -59,11 +59,7 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     type=click.Path(path_type=Path),
     help="Draw the field at the end: FILE.svg, FILE.png, or both if FILE has no suffix.",
 )
-@click.option(
-    "--ros",
-    is_flag=True,
-    help="Run as the ROS 2 node turtlesim, without a whiteboard.",
-)
+@click.option("--ros", is_flag=True, help="Run as the ROS 2 node turtlesim, without a whiteboard.")
 @click.option("--clock", is_flag=True, help="Publish the simulated time on /clock (with --ros).")
 @ros_options(" (with --ros)")
 @board_option
@@ -73,9 +69,7 @@ def turtlesim(
     picture: Path | None,
     ros: bool,
     clock: bool,
-    transport: str,
-    domain: int | None,
-    router: tuple[str, ...],
+    graph: GraphOptions,
     board: BoardPlace,
     remove_board: bool,
 ) -> None:
@@ -100,7 +94,7 @@ def turtlesim(
     stop_for_good(asked.make)
     end_with_input()
     if ros:
-        with open_chosen(transport, domain, router, arguments.enclave) as opened:
+        with graph.open(arguments.enclave) as opened:
             simulator = _run_on_ros(opened, turtles, asked.is_made, arguments, clock)
     else:
         simulator = _run_on_board(board, turtles, asked.is_made, remove_board)

@@ -137,11 +137,7 @@ def _json(text: str) -> Any:
     "recording",
     help="Record the first counterexample, for llfsm view and llfsm rerun.",
 )
-@file_option(
-    "--pytest",
-    "tests",
-    help="Write a test for each counterexample; - prints them.",
-)
+@file_option("--pytest", "tests", help="Write a test for each counterexample; - prints them.")
 @file_option(
     "--export",
     "exports",
@@ -287,10 +283,7 @@ class _Named(NamedTuple):
 
 
 class VerifiedMachines:
-    """Machines and the properties to decide; the options `asked` go before those of a file.
-
-    Raise ``click.UsageError`` for a name that cannot be found, and `DomainError`.
-    """
+    """Machines and properties to decide; the options `asked` go before those of a file."""
 
     def __init__(self, machines: Sequence[str], asked: Verification):
         resolved = parse_arguments(machines)
@@ -424,11 +417,6 @@ def _joined(file: Verification, asked: Verification) -> Verification:
 # The report
 
 
-def verdict_of(verdict: Verdict) -> str:
-    """Name a verdict: "holds", "violated" or "undecided"."""
-    return _VERDICTS[verdict.holds]
-
-
 def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
     """Write the report; `ended` says why the exploration ended early, "" if it did not."""
     lines = [
@@ -441,7 +429,7 @@ def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
         lines += space.hints()
     for verdict in verdicts:
         why = ": what triggers it never happens" if verdict.vacuous else ""
-        lines.append(f"{verdict_of(verdict)}: {verdict.property}{why}")
+        lines.append(f"{_VERDICTS[verdict.holds]}: {verdict.property}{why}")
         if verdict.holds is False and verdict.witness is not None:
             lines += _story(space, verdict.witness)
     if space.complete:
@@ -482,7 +470,7 @@ def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
             {
                 "property": str(verdict.property),
                 "kind": verdict.property.kind,
-                "verdict": verdict_of(verdict),
+                "verdict": _VERDICTS[verdict.holds],
                 "vacuous": verdict.vacuous,
                 "loop": None if verdict.witness is None else verdict.witness.loop,
                 "at_end": {} if verdict.witness is None else dict(verdict.witness.at_end),

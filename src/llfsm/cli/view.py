@@ -77,11 +77,7 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def serve(
     make_app: Callable[[str], ASGIApp], what: str, *, host: str, port: int, open_page: bool
 ) -> None:
-    """Serve the application that `make_app` makes for a token, until SIGINT or SIGTERM.
-
-    `what` it shows is printed with its address. `host` is the address to listen on. Raise
-    ``click.ClickException`` if that is impossible, or if a library for pages is missing.
-    """
+    """Serve what `make_app` makes for a token, until SIGINT or SIGTERM; print `what` is where."""
     token = page_token()
     server = make_server(make_app, token)
     log_to_console(logging.WARNING)
@@ -101,10 +97,7 @@ def serve(
 
 
 def make_server(make_app: Callable[[str], ASGIApp], token: str) -> Server:
-    """Make the server of the application that `make_app` makes for a token.
-
-    Raise ``click.ClickException`` if a library for pages is missing.
-    """
+    """Make the server of the application that `make_app` makes for a token."""
     try:
         import uvicorn
 

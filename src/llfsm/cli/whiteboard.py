@@ -271,11 +271,7 @@ def status(board: BoardPlace, as_json: bool) -> None:
 
 
 def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:
-    """Return the status that a board's daemon has published.
-
-    Raise ``click.ClickException`` if there is no daemon, or if its status is older than `stale_s`
-    seconds.
-    """
+    """Return the status that a board's daemon has published in the last `stale_s` seconds."""
     with board.open(create=False) as wb:
         sample = wb[MIRROR].sample() if MIRROR.name in {i.name for i in wb.slots()} else None
     if sample is None:

@@ -48,8 +48,7 @@ class Configured(NamedTuple):
     config: BridgeConfig
     file: Path | None = None
     flags: tuple[str, ...] = ()
-    is_named: bool = False
-    """True if a flag has given the node's name."""
+    is_named: bool = False  # True if a flag has given the node's name
 
     @classmethod
     def read(cls, file: Path | None, flags: Sequence[tuple[str, RelayConfig]] = ()) -> Self:
@@ -68,10 +67,7 @@ class Configured(NamedTuple):
         return self._replace(config=replace(self.config, node=node), is_named=True)
 
     def plan(self, slots: list[SlotInfo], arguments: RosArguments) -> BridgePlan:
-        """Make the plan for a board with these slots, and print its warnings and notes.
-
-        Raise `BadConfigurationError`.
-        """
+        """Make the plan for a board with these slots, and print its warnings and notes."""
         plan, findings = self.examine(slots, arguments)
         if findings.faults:
             more = f" (and {len(findings.faults) - 1} more)" if len(findings.faults) > 1 else ""

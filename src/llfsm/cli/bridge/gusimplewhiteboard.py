@@ -106,12 +106,7 @@ def _relay(config: RelayConfiguration, place: BoardPlace) -> None:
         click.echo(f"{config.file} <-> {board.name}: {len(relays)} relayed", err=True)
         try:
             with stop_on_signals(lambda _: asked.make()):
-                run(
-                    foreign,
-                    relays,
-                    lambda: asked.wait(period_s),
-                    lambda: board.alive,
-                )
+                run(foreign, relays, lambda: asked.wait(period_s), lambda: board.alive)
         finally:
             for relay in relays:
                 click.echo(

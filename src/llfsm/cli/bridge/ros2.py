@@ -23,13 +23,7 @@ from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
 from llfsm.cli.console import ending_once, log_to_console, stop_for_good
 from llfsm.cli.options import BoardPlace, board_option, end_with_input, file_option
-from llfsm.cli.ros_options import (
-    BridgeOptions,
-    RosCommand,
-    bridge_options,
-    open_chosen,
-    ros_arguments,
-)
+from llfsm.cli.ros_options import BridgeOptions, RosCommand, bridge_options, ros_arguments
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
@@ -39,11 +33,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=RosCommand)
-@file_option(
-    "--config",
-    "file",
-    help="What to connect, as TOML; see docs/how-to/ros2.md.",
-)
+@file_option("--config", "file", help="What to connect, as TOML; see docs/how-to/ros2.md.")
 @click.option(
     "--to-ros",
     metavar="SLOT:TYPE",
@@ -153,8 +143,7 @@ class Count(NamedTuple):
     """A link and its rate."""
 
     link: BridgeLink
-    rate: float
-    """Messages a second, lately."""
+    rate: float  # messages a second, lately
 
     def __str__(self) -> str:
         link, age = self.link, self.link.age
@@ -189,10 +178,7 @@ class Counts:
 
 
 def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> None:
-    """Show counts on standard output until ``over(seconds)``, which waits that long, is true.
-
-    On a terminal they are a table that is refreshed, else lines every 10 s and at the end.
-    """
+    """Show counts on standard output until ``over(seconds)``, which waits that long, is true."""
     counts = Counts(links)
     if not sys.stdout.isatty():
         while not over(_LINES_S):
@@ -255,9 +241,7 @@ def _run(
     with stop_on_signals(lambda _: asked.make()), ExitStack() as stack:
         plan = configured.plan(slots_on(options.board), arguments)
         logging.getLogger().setLevel(arguments.log_level(plan.node.full_node))
-        transport = stack.enter_context(
-            open_chosen(options.transport, options.domain, options.router, arguments.enclave)
-        )
+        transport = stack.enter_context(options.graph.open(arguments.enclave))
         board = stack.enter_context(options.board.open())
         if options.remove_board:
             stack.callback(board.remove)

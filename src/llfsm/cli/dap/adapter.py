@@ -219,10 +219,7 @@ class Adapter:
         how(self._launched.debugger)
 
     def _watch(self) -> None:
-        """Notify the editor of pauses, of ends of pauses that it has not requested, and of the end.
-
-        Other processes pause, step and continue the machines, too.
-        """
+        """Notify the editor of pauses, of ends of pauses that others cause, and of the end."""
         session, debugger = self._launched, self._launched.debugger
         while why := session.wait():
             self._is_resumed.clear()

@@ -52,10 +52,7 @@ class MessageStream:
         return message
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Send a message of this type; do nothing if the editor is gone.
-
-        `receive` reports that. Code of a machine that prints must not fail by it.
-        """
+        """Send a message, unless the editor is gone: code that prints must not fail by it."""
         with self._lock, suppress(BrokenPipeError):
             self._number += 1
             body = json.dumps({"seq": self._number, "type": kind, **fields}).encode()

@@ -125,10 +125,7 @@ _texts: Final = ValueText(1000)
 
 
 class Inspection:
-    """Answer an editor's requests about one pause of a session.
-
-    At a breakpoint the stack is that of its machine, else of the one whose turn comes next.
-    """
+    """Answer requests about one pause, at a machine's breakpoint or before a machine's turn."""
 
     def __init__(self, session: Session):
         self._session = session
@@ -226,10 +223,7 @@ class Inspection:
         }
 
     def evaluate(self, arguments: Message) -> Message:
-        """Return the value of an expression over the machine of the stack.
-
-        Nothing is called that could have an effect.
-        """
+        """Return the value of an expression over the machine of the stack, without any effect."""
         text, session = str(arguments.get("expression", "")), self._session
         arrangement, name = session.arrangement, session.machine
         entered_ns = arrangement.roster.find(name).arrival().entered_ns

@@ -51,8 +51,7 @@ class Prompt:
 
     _session: Session | ReverseDebugger
 
-    commands: ClassVar[Mapping[str, Command]]
-    """By name, in the order of `help`."""
+    commands: ClassVar[Mapping[str, Command]]  # by name, in the order of `help`
 
     def __init__(self, session: Session | ReverseDebugger):
         self._session = session

@@ -58,6 +58,16 @@ _DEMOS = {
 }
 
 
+class _Shown(NamedTuple):
+    """A demo as it was asked for."""
+
+    demo: _Demo
+    title: str
+    seconds: float | None
+    picture: Path
+    token: str | None  # the page's, if there is to be one
+
+
 class _EndError(Exception):
     """Raised by the signal handler, to leave the loop wherever it is."""
 
@@ -73,10 +83,7 @@ class _EndError(Exception):
 )
 @board_option(default="demo")
 @click.option("--view", is_flag=True, help="Also show it on a page, and print its address.")
-@file_option(
-    "--record",
-    help="Record it for llfsm rerun; not with --ros.",
-)
+@file_option("--record", help="Record it for llfsm rerun; not with --ros.")
 @local_option
 @graph_options
 def demo(
@@ -115,61 +122,55 @@ def demo(
         raise click.UsageError(f"--local shares nothing with other processes: leave out {other}")
     target = target or Path(f"demo-{name}")
     token = page_token() if view else None
-    title = f"llfsm demo {name}: {chosen.text}"
+    shown = _Shown(chosen, f"llfsm demo {name}: {chosen.text}", seconds, target, token)
     with _ending_on_signals():
         if local:
-            _run_locally(chosen, title, seconds, target, token)
+            _run_locally(shown)
         else:
-            _run(chosen, title, seconds, target, token, board, record, graph)
+            _run(shown, board, record, graph)
     if draws:
         endings = [""] if target.suffix else [".png", ".svg"]
         for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
             click.echo(f"the turtle's path: {path}")
 
 
-def _run(
-    chosen: _Demo,
-    title: str,
-    seconds: float | None,
-    target: Path,
-    token: str | None,
-    board: BoardPlace,
-    record: Path | None,
-    graph: RosGraph | None,
-) -> None:
+def _run(shown: _Shown, board: BoardPlace, record: Path | None, graph: RosGraph | None) -> None:
     where = f"whiteboard {board.name!r}" if graph is None else f"whiteboard {board.name!r}, {graph}"
-    title = f"{title} ({where})"
+    title, token = f"{shown.title} ({where})", shown.token
     environment = {} if token is None else {TOKEN_VARIABLE: token}
+    if graph is not None:
+        environment |= graph.environment()
     _clear(board)
-    with LiveBoard(board) as live, _processes(graph, environment) as processes:
+    with (
+        LiveBoard(board) as live,
+        Processes(restart=graph is not None, environment=environment) as processes,
+    ):
         if graph is None:
-            _start(processes, chosen, board, target, record)
+            _start(processes, shown, board, record)
         else:
-            _start_on_ros(processes, chosen, board, target, graph)
+            _start_on_ros(processes, shown, board, graph)
         if token is not None:
             port = _free_port()
             processes.start("page", "view", *board.arguments, "--no-open", "--port", str(port))
             title += f"\nin the browser: {page_address('127.0.0.1', port, token)}"
-        show(live.watcher, processes, title, seconds)
+        show(live.watcher, processes, title, shown.seconds)
 
 
-def _run_locally(
-    chosen: _Demo, title: str, seconds: float | None, target: Path, token: str | None
-) -> None:
+def _run_locally(shown: _Shown) -> None:
+    demo, title = shown.demo, f"{shown.title} (one process)"
     with ExitStack() as stack:
         board = stack.enter_context(Whiteboard.local("demo"))
         simulator = Simulator()
-        if chosen.with_turtle:
-            stack.callback(draw_field, simulator, target)
+        if demo.with_turtle:
+            stack.callback(draw_field, simulator, shown.picture)
         threads = stack.enter_context(Threads(board))
-        if chosen.with_turtle:
+        if demo.with_turtle:
             threads.start_simulator(simulator)
-        threads.start_machines(chosen.machines)
-        title += " (one process)"
-        if token is not None:
-            title += f"\nin the browser: {threads.start_page(token)}"
+        threads.start_machines(demo.machines)
+        if shown.token is not None:
+            title += f"\nin the browser: {threads.start_page(shown.token)}"
         watcher = Watcher(board)
-        show(lambda: watcher, threads, title, seconds)
+        show(lambda: watcher, threads, title, shown.seconds)
 
 
 def _free_port() -> int:
@@ -182,34 +183,23 @@ def _free_port() -> int:
     raise AssertionError("the system has a free port")
 
 
-def _processes(graph: RosGraph | None, environment: dict[str, str]) -> Processes:
-    if graph is None:
-        return Processes(environment=environment)
-    return Processes(restart=True, environment={**environment, **graph.environment()})
-
-
-def _start(
-    processes: Processes, chosen: _Demo, board: BoardPlace, target: Path, record: Path | None
-) -> None:
+def _start(processes: Processes, shown: _Shown, board: BoardPlace, record: Path | None) -> None:
     """Start a demo on a whiteboard; one process removes it if this one is killed."""
-    on_board = board.arguments
-    if chosen.with_turtle:
-        processes.start(
-            "simulator", "turtlesim", *on_board, "--picture", str(target), "--remove-board"
-        )
-    owner = () if chosen.with_turtle else ("--remove-board",)
+    on_board, demo = board.arguments, shown.demo
+    if demo.with_turtle:
+        drawn = ("--picture", str(shown.picture))
+        processes.start("simulator", "turtlesim", *on_board, *drawn, "--remove-board")
+    owner = () if demo.with_turtle else ("--remove-board",)
     recorded = () if record is None else ("--record", str(record))
-    processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner, *recorded)
+    processes.start("machine", "run", *demo.machines, "-q", *on_board, *owner, *recorded)
 
 
-def _start_on_ros(
-    processes: Processes, chosen: _Demo, board: BoardPlace, target: Path, graph: RosGraph
-) -> None:
+def _start_on_ros(processes: Processes, shown: _Shown, board: BoardPlace, graph: RosGraph) -> None:
     graph.start_router(processes)
-    if chosen.with_turtle:
-        graph.start_simulator(processes, target)
+    if shown.demo.with_turtle:
+        graph.start_simulator(processes, shown.picture)
     graph.start_bridge(processes, board)
-    processes.start("machine", "run", *chosen.machines, "-q", *board.arguments)
+    processes.start("machine", "run", *shown.demo.machines, "-q", *board.arguments)
 
 
 def _clear(board: BoardPlace) -> None:

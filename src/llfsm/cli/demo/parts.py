@@ -39,11 +39,9 @@ class ProcessStatus(NamedTuple):
     """The status of a part."""
 
     name: str
-    pid: int | None
-    """None while a process waits to be started again."""
+    pid: int | None  # None while a process waits to be started again
     since_s: float
-    output: str
-    """The last line that it printed."""
+    output: str  # the last line that it printed
 
 
 class _Process:
@@ -180,11 +178,7 @@ class _Part(NamedTuple):
 
 
 class Threads:
-    """Run the parts of a demo as threads; leaving the ``with`` block ends them, the last first.
-
-    It shows its parts, and waits, as :class:`.Processes` does. An error in one of them is raised by
-    `wait`.
-    """
+    """Run the parts of a demo as threads, as `Processes` does; `wait` raises the error of one."""
 
     def __init__(self, board: Board) -> None:
         self.reports: deque[str] = deque()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,14 +12,8 @@ from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS
 from llfsm.bridges.ros2.opening import loopback_address, needs_router, serves
 from llfsm.bridges.ros2.transport import default_domain
 from llfsm.cli.demo.parts import Processes
-from llfsm.cli.options import BoardPlace
-from llfsm.cli.ros_options import (
-    Command,
-    domain_option,
-    require_ros,
-    router_option,
-    transport_option,
-)
+from llfsm.cli.options import BoardPlace, Command, collected
+from llfsm.cli.ros_options import domain_option, require_ros, router_option, transport_option
 
 _DOMAIN = 99  # hardly used elsewhere; the highest that DDS supports on every system is 101
 _LOOK_S = 0.05
@@ -90,13 +83,11 @@ def graph_options(command: Command) -> Command:
     Without ``--ros``, ``graph`` is None and the other options are refused.
     """
 
-    @functools.wraps(command)
-    def with_graph(ros: bool, **arguments: Any) -> Any:
+    def graph_of(ros: bool, *options: Any) -> RosGraph | None:
         require_ros(*RosGraph._fields, ros=ros)
-        graph = RosGraph(**{name: arguments.pop(name) for name in RosGraph._fields})
-        return command(**arguments, graph=graph if ros else None)
+        return RosGraph(*options) if ros else None
 
-    optioned: Command = with_graph
+    optioned = collected(command, "graph", graph_of, ("ros", *RosGraph._fields))
     for option in (
         click.option(
             "--no-simulator",

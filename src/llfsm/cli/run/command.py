@@ -185,20 +185,20 @@ def run(
     """
     _check_options(**click.get_current_context().params)
     resolved = parse_arguments(machines, table, suspended, preloaded)
-    graph = RosOptions(*map(given.pop, RosOptions._fields))
+    ros = RosOptions(*map(given.pop, RosOptions._fields))
     reports = Reports(*map(given.pop, Reports._fields))
     plan = resolved.plan = _with_options(resolved.plan, **given)
-    place = None if local else _place(plan, board, default=not graph.ros)
+    place = None if local else _place(plan, board, default=not ros.ros)
     if recording is not None and place is None:
         raise click.UsageError(
             "--record with --ros needs a whiteboard for the recorder: add --board"
         )
-    joined = graph if graph.ros or graph.ros_time else None
+    joined = ros if ros.ros or ros.ros_time else None
     options = WorldOptions(place, local, remove_board, recording, nonstop, joined)
-    log_machines(is_on=not graph.ros or ros_arguments().stdout)
+    log_machines(is_on=not ros.ros or ros_arguments().stdout)
     with open_world(options, plan, resolved.classes.values()) as world:
         load = partial(load_machines, resolved, reports)
-        if graph.lifecycle:
+        if ros.lifecycle:
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:
             arrangement = load(world.environment)
@@ -266,10 +266,7 @@ def _with_options(
 
 
 def _place(plan: Plan, board: BoardPlace, *, default: bool) -> BoardPlace | None:
-    """Choose the whiteboard: the command line's if named there, else the file's, else the default.
-
-    Return None if none is named and no default one is wanted.
-    """
+    """Choose the whiteboard: the command line's if named, else the file's, else a `default` one."""
     given = given_option("board") is not None
     if given or plan.board is None:
         return board if given or default else None

@@ -40,10 +40,7 @@ _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "ov
 
 
 class StateReport:
-    """Print each change of state as clfsm does: ``m  0 s  1 - Machine - STATE``.
-
-    With times, a line begins with the seconds since the first one.
-    """
+    """Print each change of state as clfsm does, ``m  0 s  1 - Machine - STATE``, or timed."""
 
     def __init__(self, arrangement: Arrangement, *, with_path: bool, with_times: bool) -> None:
         self._arrangement = arrangement
@@ -87,10 +84,7 @@ class SuspensionReport:
 
 
 def timing_table(machines: Iterable[MachineStatistics]) -> str:
-    """Return a table of the machines' statistics: spreads as p50 / p99 / max in microseconds.
-
-    Below each machine are its states, with the seconds spent in each.
-    """
+    """Return a table of spreads, p50 / p99 / max in us, and of the seconds in each state."""
     rows = [_HEADS]
     notes: list[list[str]] = [[]]
     for machine in machines:
@@ -180,10 +174,7 @@ def load_machines(
 
 
 def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
-    """Run an arrangement to its end, and print its times if it is timed; raise what `run` raises.
-
-    Raise `click.ClickException` if machines have failed that nobody can resume.
-    """
+    """Run an arrangement to its end, and print its times if it is timed."""
 
     def is_ending() -> bool:
         return arrangement.reason is not None or arrangement.stop_cause in SIGNALS
@@ -209,10 +200,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
 
 @contextmanager
 def pausing_at_breakpoints(arrangement: Arrangement) -> Iterator[None]:
-    """Let `breakpoint()` open Python's debugger in a terminal, with a warning that it holds all up.
-
-    Without a terminal it pauses the machines before the next turn.
-    """
+    """Let `breakpoint()` open Python's debugger, or without a terminal pause the machines."""
 
     def pause(*given: object, **options: object) -> object:
         frame = sys._getframe(1)

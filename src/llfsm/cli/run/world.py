@@ -33,7 +33,7 @@ from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.cli.bridge.configured import Configured, slots_on
 from llfsm.cli.console import ignore_interrupts, stop_for_good
 from llfsm.cli.options import BoardPlace
-from llfsm.cli.ros_options import open_chosen, ros_arguments
+from llfsm.cli.ros_options import GraphOptions, ros_arguments
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.clock import Clock, DebugClock, SimulatedClock
 from llfsm.runtime.engine.environment import Environment
@@ -71,6 +71,15 @@ def recorded(
     are kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part
     of them and to complete the file. Raise ``click.ClickException`` if recording is impossible.
     """
+
+    def journalled() -> Environment:
+        if (recorder := find_recorder(board)) is None:
+            raise click.ClickException("the recorder does not record machines, nothing was run")
+        handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
+        handover.journal.add(("Plan", plan, str(Path.cwd())))
+        world = live(board, clock, handover=handover, will_after_ms=plan.will_after_ms)
+        return JournalledEnvironment(world, handover.journal)
+
     recorder = find_recorder(board)
     if file is not None:
         if recorder is not None:
@@ -80,32 +89,15 @@ def recorded(
                 f"end it, or leave out --record; nothing was run"
             )
         with _recorder(file, board, patience_s):
-            yield _recorded_environment(board, plan, clock, live, limit, patience_s)
+            yield journalled()
         return
     environment: Environment | None = None
     if recorder is not None and not forks:
         try:
-            environment = _recorded_environment(board, plan, clock, live, limit, patience_s)
+            environment = journalled()
         except WhiteboardError as error:  # another's recording is no reason not to run
             logger().warning("the machines go on unrecorded: %s", error)
     yield environment or live(board, clock, will_after_ms=plan.will_after_ms)
-
-
-def _recorded_environment(
-    board: Whiteboard,
-    plan: Plan,
-    clock: Clock | None,
-    live: MakeEnvironment,
-    limit: int,
-    patience_s: float,
-) -> Environment:
-    recorder = find_recorder(board)
-    if recorder is None:
-        raise click.ClickException("the recorder does not record machines, nothing was run")
-    handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
-    handover.journal.add(("Plan", plan, str(Path.cwd())))
-    world = live(board, clock, handover=handover, will_after_ms=plan.will_after_ms)
-    return JournalledEnvironment(world, handover.journal)
 
 
 @contextmanager
@@ -141,21 +133,17 @@ class RosOptions(NamedTuple):
     """The options ``--ros``, ``--ros-time`` and those that belong to them, by their names."""
 
     ros: bool
-    ros_time: bool
-    """If the machines run by the time on /clock."""
+    ros_time: bool  # if the machines run by the time on /clock
     lifecycle: bool
     config: Path | None
     node: str | None
-    transport: str
-    domain: int | None
-    router: tuple[str, ...]
+    graph: GraphOptions
 
 
 class WorldOptions(NamedTuple):
     """The options for where machines run, and where this is recorded."""
 
-    place: BoardPlace | None
-    """The shared whiteboard, if there is one."""
+    place: BoardPlace | None  # the shared whiteboard, if there is one
     local: bool
     remove_board: bool
     recording: Path | None
@@ -174,11 +162,7 @@ class OpenedWorld(NamedTuple):
 def open_world(
     options: WorldOptions, plan: Plan, classes: Collection[type[Machine]]
 ) -> Iterator[OpenedWorld]:
-    """Open the world of a plan, whose classes are in its order, for the ``with`` block.
-
-    Raise ``click.ClickException`` if the ROS graph or the recorder cannot be used, and what opening
-    a whiteboard raises.
-    """
+    """Open the world of a plan, whose classes are in its order, for the ``with`` block."""
     ros, place = options.ros, options.place
     is_managed = ros is not None and ros.lifecycle
     clock: Clock | None = DebugClock() if plan.debug_clock else None
@@ -218,29 +202,21 @@ class JoinedGraph(NamedTuple):
     """A ROS graph, and the parts of it that machines use."""
 
     transport: Transport
-    connected: BridgePlan | None
-    """The relays between the machines and it, if they are a node."""
-    clock: Clock | None
-    """The time on /clock, if they run by it."""
+    connected: BridgePlan | None  # the relays between the machines and it, if they are a node
+    clock: Clock | None  # the time on /clock, if they run by it
 
 
 @contextmanager
 def join_graph(
     options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
 ) -> Iterator[JoinedGraph]:
-    """Open the graph that the options name; wait until /clock has a time if that is needed.
-
-    `place` is the shared whiteboard, if there is one. Raise ``click.ClickException``.
-    """
+    """Open the graph that the options name; wait until /clock has a time if that is needed."""
     connected = _connections(options, plan, classes, place) if options.ros else None
     follows_time = options.ros_time or (connected is not None and _uses_simulated_time(connected))
     if follows_time and plan.debug_clock:
         raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
-    enclave = ros_arguments().enclave
     with ExitStack() as stack:
-        transport = stack.enter_context(
-            open_chosen(options.transport, options.domain, options.router, enclave)
-        )
+        transport = stack.enter_context(options.graph.open(ros_arguments().enclave))
         clock = stack.enter_context(_ros_clock(transport)) if follows_time else None
         yield JoinedGraph(transport, connected, clock)
 
@@ -248,10 +224,7 @@ def join_graph(
 def _connections(
     options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
 ) -> BridgePlan:
-    """Plan the relays between the machines of a plan, whose classes are in its order, and ROS.
-
-    Without a configuration, each slot is relayed with the topic of its name.
-    """
+    """Plan the relays between machines and ROS, by default of each slot with its topic."""
     if options.config is None:
         slots = [machine.slots for machine in plan.machines]
         configured = Configured(machine_config(zip(classes, slots, strict=True)))
@@ -321,10 +294,7 @@ def on_ros(
 def managed_machines(
     world: Environment, load: Callable[[Environment], Arrangement], will_after_ms: int | None
 ) -> Callable[[], None]:
-    """Return a function that runs machines as a managed node, until SIGINT or SIGTERM.
-
-    `load` loads them, each time that the node is configured.
-    """
+    """Return a function that runs machines as a managed node, which may `load` them repeatedly."""
     assert isinstance(world, RosEnvironment)
     board, clock, bridge = world.whiteboard, world.clock, world.bridge
 
