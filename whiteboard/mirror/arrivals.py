@@ -87,7 +87,8 @@ class Routes:
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
         """Checks that other hosts may add to a slot of that name."""
-        self._routes: dict[str, Route] = {}
+        self.known: dict[str, Route] = {}
+        """The routes that were asked for so far."""
         self._groups: dict[str, list[tuple[str, Route]]] = {}
         self.offered: dict[str, bool] = {}
         """The groups that have messages which may leave; True for those about machines."""
@@ -103,13 +104,9 @@ class Routes:
         wires = map(self.naming.wire, filter(self.enters, read))
         return {group_of(wire) for wire in wires if wire is not None}
 
-    def known(self, name: str) -> Route | None:
-        """Return the route of a slot if it was asked for before, else None."""
-        return self._routes.get(name)
-
     def get(self, name: str) -> Route:
         """Return the route of a slot on the board; raise `Refused` if its record is unusable."""
-        route = self._routes.get(name)
+        route = self.known.get(name)
         if route is None:
             leaves, enters = self._leaves(name), self.enters(name)
             wire = self.naming.wire(name)
@@ -118,21 +115,21 @@ class Routes:
                     self.refusals.add(f"no name for others: {name}", self.naming.why_none(name))
                 wire, leaves, enters = name, False, False
             cell, period = self.store.cell(name), self._period_ns(name)
-            route = self._routes[name] = Route(cell, wire, leaves, enters, period)
+            route = self.known[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
         return route
 
     def usable(self, name: str) -> Route | None:
         """Return the route of a slot, or None, counted, if its record is unusable."""
         try:
-            return self._routes.get(name) or self.get(name)
+            return self.known.get(name) or self.get(name)
         except Refused as refused:
             self.refusals.add(f"unusable: {name}", str(refused))
             return None
 
     def offered_by(self, name: str) -> Route | None:
         """Return the route of a slot with a message, whose group is offered if it may leave."""
-        route = self._routes.get(name) or self.usable(name)
+        route = self.known.get(name) or self.usable(name)
         if route is not None and route.leaves:
             self.offered[route.group] = name.startswith(OWN)
         return route
@@ -211,7 +208,7 @@ class Arrivals:
                 value = self._here(value)
             if value is not None and (not self._access or self._may_add(source, value.slot)):
                 try:
-                    route = self.routes.known(value.slot)
+                    route = self.routes.known.get(value.slot)
                     if route is None or route.cell.kind != value.kind or not route.enters:
                         route = self._find_route(source, value, declared.get(value.slot))
                     if route is not None and self._is_timely(source, value):
@@ -280,7 +277,7 @@ class Arrivals:
 
     def _exists(self, name: str) -> bool:
         """Check that a slot is on the board, or was when all names were read last."""
-        if self.routes.known(name) is not None or name in self._names:
+        if name in self.routes.known or name in self._names:
             return True
         now_ns = self.now_ns()
         if now_ns >= self._names_ns:
