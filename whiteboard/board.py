@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol
 
+from llfsm.whiteboard.closing import ClosedOnExit
 from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
 from llfsm.whiteboard.message import M, type_from_schema
 from llfsm.whiteboard.schema import Schema
@@ -240,7 +241,7 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
             del self[each]
 
 
-class Board(ABC):
+class Board(ClosedOnExit):
     """A whiteboard. Bind a slot with ``board[slot]``, or use the methods that take a slot.
 
     After :meth:`close`, adding, reading and listing raise :class:`.BoardClosedError`.
@@ -279,12 +280,6 @@ class Board(ABC):
     def forget(self, slot: Slot[Any]) -> None:
         """Release what this process has bound to the slot, other than handles kept elsewhere."""
         self._bound.forget(slot)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _repr_html_(self) -> str:
         """Show the users' slots with their latest messages, in a notebook."""

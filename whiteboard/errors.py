@@ -194,11 +194,39 @@ def name_fields(kind: type, cause: object) -> str:
     return re.sub(r"`\$((\[\d+\])+)`", names, str(cause))
 
 
-_FULL = {  # LWB_NO_SPACE, LWB_NO_SLOT, LWB_NO_WRITER
-    6: "no space left in the file system of the board; remove boards with "
-    "`llfsm whiteboard rm`, or use smaller capacities",
-    7: "the board has no room for another slot (4096 at most)",
-    8: "too many processes write to the board at the same time (256 at most)",
+_PLAIN: dict[int, tuple[type[WhiteboardError], str]] = {  # of `raise_status`, by the status
+    -6: (SlotRetiredError, "slot {!r}: this handle was retired and adds no more"),
+    -5: (BoardClosedError, "{}: this whiteboard was removed"),
+    -1: (BoardClosedError, "{}: this whiteboard was closed"),
+    3: (
+        BoardNotFoundError,
+        "{}: no such whiteboard; start the program that makes it, or see `llfsm whiteboard list`",
+    ),
+    6: (
+        BoardFullError,
+        "{}: no space left in the file system of the board; remove boards with "
+        "`llfsm whiteboard rm`, or use smaller capacities",
+    ),
+    7: (BoardFullError, "{}: the board has no room for another slot (4096 at most)"),
+    8: (BoardFullError, "{}: too many processes write to the board at the same time (256 at most)"),
+    9: (
+        BoardPermissionError,
+        "{}: not a whiteboard of this user: another user's file, a link or another kind of file; "
+        "choose another board name",
+    ),
+    10: (
+        BoardVersionError,
+        "{}: made by another version of llfsm or on another kind of machine; end its processes and "
+        "remove it with `llfsm whiteboard rm`",
+    ),
+    11: (
+        BoardCorruptError,
+        "{}: damaged; end its processes and remove it with `llfsm whiteboard rm`",
+    ),
+    12: (
+        SlotNameError,
+        "{!r}: names must have 1 to 255 bytes, capacities 1 byte to 1 GiB, schemas at most 1 MiB",
+    ),
 }
 
 
@@ -209,12 +237,6 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
     ``number`` is the C ``errno``, and ``where`` the board's path or the slot's name.
     """
     match status, detail:
-        case -1, _:
-            raise BoardClosedError(f"{where}: this whiteboard was closed")
-        case -6, _:
-            raise SlotRetiredError(f"slot {where!r}: this handle was retired and adds no more")
-        case -5, _:
-            raise BoardClosedError(f"{where}: this whiteboard was removed")
         case -2, (type() as wanted, message):
             raise wrong_type(str(where), wanted, message)
         case -3, (type() as kind, BaseException() as cause):
@@ -225,40 +247,17 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
                 f"{kind.__qualname__}: {name_fields(kind, cause)}",
                 count=count,
             ) from cause
-        case 3, _:
-            raise BoardNotFoundError(
-                f"{where}: no such whiteboard; start the program that makes it, or see "
-                f"`llfsm whiteboard list`"
-            )
+        case 4, (int(length), int(capacity)):
+            raise too_large(str(where), length, capacity)
         case 5, bytes(schema):
             raise SchemaClash(schema)
         case 5, _:
             raise SlotTypeError(
                 f"slot {where!r} has another type by now, as its name was given up; bind it again"
             )
-        case 4, (int(length), int(capacity)):
-            raise too_large(str(where), length, capacity)
-        case ((6 | 7 | 8), _):
-            raise BoardFullError(f"{where}: {_FULL[status]}")
-        case 9, _:
-            raise BoardPermissionError(
-                f"{where}: not a whiteboard of this user: another user's file, a link or another "
-                f"kind of file; choose another board name"
-            )
-        case 10, _:
-            raise BoardVersionError(
-                f"{where}: made by another version of llfsm or on another kind of machine; "
-                f"end its processes and remove it with `llfsm whiteboard rm`"
-            )
-        case 11, _:
-            raise BoardCorruptError(
-                f"{where}: damaged; end its processes and remove it with `llfsm whiteboard rm`"
-            )
-        case 12, _:
-            raise SlotNameError(
-                f"{where!r}: names must have 1 to 255 bytes, capacities 1 byte to 1 GiB, "
-                f"schemas at most 1 MiB"
-            )
+    if status in _PLAIN:
+        error, text = _PLAIN[status]
+        raise error(text.format(where))
     raise from_errno(number, str(where))
 
 

@@ -53,6 +53,8 @@ class _Cell:
 
 
 class _LocalSlot(BoundSlot[M]):
+    added = 0
+
     def __init__(self, board: LocalBoard, slot: Slot[M], cell: _Cell) -> None:
         self._board = board
         self._slot = slot
@@ -60,11 +62,6 @@ class _LocalSlot(BoundSlot[M]):
         self._read: tuple[_Added, Sample[M]] | None = None
         self._retired = False
         self._reads = False
-        self._added = 0
-
-    @property
-    def added(self) -> int:
-        return self._added
 
     @property
     def count(self) -> int:
@@ -111,7 +108,7 @@ class _LocalSlot(BoundSlot[M]):
             self._board.changed.notify_all()
             for waiter in self.cell.awaited_by:
                 waiter.notify_all()
-        self._added = added.number
+        self.added = added.number
         return added.number
 
     def reserve(self) -> None:
@@ -170,18 +167,19 @@ class LocalBoard(Board):
     CLOCK_MONOTONIC.
     """
 
+    alive = True
+    readings = 0
+
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(name)
         self.now_ns = now_ns
         self.lock = threading.RLock()  # a signal's handler may wake the thread that it interrupts
         self.changed = threading.Condition(self.lock)
         self._cells: dict[str, _Cell] = {}
-        self._open = True
-        self._wakes = 0
 
     def check_open(self) -> None:
         """Raise :class:`.BoardClosedError` if the board was closed."""
-        if not self._open:
+        if not self.alive:
             raise BoardClosedError(f"{self.name}: this whiteboard was closed")
 
     def publisher(self, slot: Slot[M]) -> _LocalSlot[M]:
@@ -208,7 +206,7 @@ class LocalBoard(Board):
     def watcher(self) -> Callable[[float], list[str]]:
         """Make a function that waits for a new message in any slot; see :meth:`.Board.watcher`."""
         counts: dict[str, int] = {}
-        seen = self._wakes
+        seen = self.readings
 
         def changed() -> list[str]:
             self.check_open()
@@ -218,17 +216,12 @@ class LocalBoard(Board):
         def wait(timeout: float) -> list[str]:
             nonlocal seen
             with self.changed:
-                self.changed.wait_for(lambda: changed() or self._wakes != seen, timeout)
-                seen, found = self._wakes, changed()
+                self.changed.wait_for(lambda: changed() or self.readings != seen, timeout)
+                seen, found = self.readings, changed()
                 counts.update((name, self._cells[name].count) for name in found)
                 return found
 
         return wait
-
-    @property
-    def readings(self) -> int:
-        """A number that grows when :meth:`read_slots` does."""
-        return self._wakes
 
     def read_slots(self) -> set[str]:
         """Return the names of the slots that are read; see :meth:`.Board.read_slots`."""
@@ -242,17 +235,12 @@ class LocalBoard(Board):
     def wake_watchers(self) -> None:
         """End the wait of each watcher, also without a new message."""
         with self.changed:
-            self._wakes += 1
+            self.readings += 1
             self.changed.notify_all()
-
-    @property
-    def alive(self) -> bool:
-        """False once closed."""
-        return self._open
 
     def close(self) -> None:
         """Close the board and discard its messages."""
-        self._open = False
+        self.alive = False
         with self.changed:  # waiting threads look at it
             self.changed.notify_all()
             for cell in self._cells.values():

@@ -7,7 +7,8 @@ with its problem, and does not affect the others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Set
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
@@ -59,24 +60,21 @@ class PolledSlot:
         return self.info.name
 
 
+@dataclass(eq=False)
 class BoardPoller:
     """Reads the slots of a board whose names `wants` accepts, at each call of :meth:`poll`.
 
     It looks for new slots at the first poll and every `discovery_s` seconds; by default, at each.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        *,
-        wants: Callable[[str], bool] | None = None,
-        discovery_s: float = 0.0,
-    ) -> None:
+    board: Board
+    wants: Callable[[str], bool] | None = None
+    discovery_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._wants = is_data if self.wants is None else self.wants
         self.slots: dict[str, PolledSlot] = {}
         """The slots found so far, by name, in the order in which they were made."""
-        self._board = board
-        self._wants = is_data if wants is None else wants
-        self._discovery_s = discovery_s
         self._due_s = 0.0  # when to discover next
         self._bound: list[tuple[PolledSlot, BoundSlot[Any]]] = []
         self._unusable: list[PolledSlot] = []  # found since the last poll
@@ -88,7 +86,7 @@ class BoardPoller:
         """
         now_s = time.monotonic()
         if now_s >= self._due_s:
-            self._due_s = now_s + self._discovery_s
+            self._due_s = now_s + self.discovery_s
             self.discover()
         changed, self._unusable = self._unusable, []
         for polled, bound in self._bound:
@@ -99,29 +97,27 @@ class BoardPoller:
 
     def discover(self) -> None:
         """Find new slots now, and drop those that are gone. Raise as :meth:`poll` does."""
-        listed = self._board.slots()
-        self._drop(self.slots.keys() - {info.name for info in listed})
+        listed = self.board.slots()
+        gone = self.slots.keys() - {info.name for info in listed}
+        for name in gone:
+            slot = self.slots.pop(name).slot
+            if slot is not None:
+                self.board.forget(slot)
+        if gone:
+            self._bound = [each for each in self._bound if each[0].name not in gone]
         for info in listed:
             if info.name in self.slots or not self._wants(info.name):
                 continue
             polled = self.slots[info.name] = PolledSlot(info)
             try:
-                slot: Slot[Any] = Slot(info.name, class_of(info), info.capacity)
-                self._bound.append((polled, self._board[slot]))
+                slot = Slot(info.name, class_of(info), info.capacity)
+                self._bound.append((polled, self.board[slot]))
                 polled.slot = slot
             except BoardClosedError:
                 raise
             except WhiteboardError as error:
                 polled.problem = str(error)
                 self._unusable.append(polled)
-
-    def _drop(self, names: Set[str]) -> None:
-        for name in names:
-            slot = self.slots.pop(name).slot
-            if slot is not None:
-                self._board.forget(slot)
-        if names:
-            self._bound = [each for each in self._bound if each[0].name not in names]
 
 
 def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:

@@ -224,7 +224,7 @@ def from_plain(value: Any, schema: Schema) -> Any:
 
 
 class _Zeros:
-    """Fills in the fields that are omitted, by 4 million values at most.
+    """Fills in the fields that are omitted, by 4 million values and bytes at most.
 
     A schema may ask for arrays of any length, so a short text could require gigabytes.
     """
@@ -232,11 +232,39 @@ class _Zeros:
     def __init__(self) -> None:
         self._left = 1 << 22
 
-    def of(self, schema: Schema) -> Any:
-        self._left -= _least_values(schema)
+    def _take(self, number: int) -> None:
+        self._left -= number
         if self._left < 0:
             raise ValueError("it leaves out millions of values, which must be there")
-        return _zero(schema)
+
+    def of(self, schema: Schema) -> Any:
+        """Make the value of an omitted field: zero, empty or false, within its limits."""
+        self._take(1)
+        match schema:
+            case {"anyOf": [*options]}:
+                return None if {"type": "null"} in options else self.of(options[0])
+            case {"enum": [first, *_]}:
+                return first
+            case {"prefixItems": items}:
+                return [self.of(item) for item in items]
+            case {"type": "array", "items": item, "minItems": number} if number:
+                before, zero = self._left, self.of(item)
+                self._take((before - self._left) * (number - 1))
+                return [zero] * number
+            case {"type": "array"}:
+                return []
+            case {"contentEncoding": "base64", "minLength": length}:
+                self._take(length)
+                return bytes(length)
+            case {"type": "number" | "integer" as kind}:
+                return max(schema.get("minimum", -math.inf), min(0, schema.get("maximum", 0)))
+            case {"properties": fields}:
+                return [self.of(field) for field in fields.values()]
+            case {"contentEncoding": "base64"}:
+                return b""
+            case {"type": kind}:
+                return {"boolean": False, "string": "", "object": {}}.get(kind)
+        return None
 
 
 def _filled(value: Any, schema: Schema, zeros: _Zeros) -> Any:
@@ -264,43 +292,3 @@ def _filled(value: Any, schema: Schema, zeros: _Zeros) -> Any:
             return binascii.a2b_base64(value, strict_mode=True)
         case _:
             return value
-
-
-def _zero(schema: Schema) -> Any:
-    """Return the value of an omitted field: zero, empty or false, within its limits."""
-    match schema:
-        case {"anyOf": [*options]}:
-            return None if {"type": "null"} in options else _zero(options[0])
-        case {"enum": [first, *_]}:
-            return first
-        case {"prefixItems": items}:
-            return [_zero(i) for i in items]
-        case {"type": "array"}:
-            return [_zero(schema["items"])] * schema.get("minItems", 0)
-        case {"contentEncoding": "base64", "minLength": length}:
-            return bytes(length)
-        case {"type": "number" | "integer" as kind}:
-            return max(schema.get("minimum", -math.inf), min(0, schema.get("maximum", 0)))
-        case {"properties": fields}:
-            return [_zero(field) for field in fields.values()]
-        case {"contentEncoding": "base64"}:
-            return b""
-        case {"type": kind}:
-            return {"boolean": False, "string": "", "object": {}}.get(kind)
-    return None
-
-
-def _least_values(schema: Schema) -> int:
-    """Count the values and bytes that `_zero` would make, with all fields, without making them."""
-    match schema:
-        case {"anyOf": [*options]}:
-            return 1 if {"type": "null"} in options else _least_values(options[0])
-        case {"prefixItems": items}:
-            return 1 + sum(map(_least_values, items))
-        case {"type": "array"}:
-            return 1 + int(schema.get("minItems", 0) * _least_values(schema["items"]))
-        case {"contentEncoding": "base64", "minLength": length}:
-            return 1 + int(length)
-        case {"properties": fields}:
-            return 1 + sum(map(_least_values, fields.values()))
-    return 1

@@ -142,11 +142,7 @@ class Whiteboard(Board):
         return [_info(*record) for record in self._core.slots()]
 
     def find(self, name: str) -> Slot[Message]:
-        """Return a slot that is on the board, with a class made from its schema.
-
-        For tools that do not have its own class. Raise :class:`.SlotNotFoundError`, and
-        :class:`.MessageTypeError` if its schema is invalid.
-        """
+        """Return a slot, with a class made from its schema; see :meth:`.Board.find`."""
         record = self._core.find(name)
         if record is not None:
             return _info(*record).slot()

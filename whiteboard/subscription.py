@@ -19,6 +19,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, Protocol, Self
 
+from llfsm.whiteboard.closing import ClosedOnExit
 from llfsm.whiteboard.errors import BoardClosedError, MessageUnreadableError
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.slots import Sample
@@ -178,7 +179,7 @@ class Backlog(Generic[M]):
             self._wake(self)
 
 
-class Subscription(Generic[M]):
+class Subscription(ClosedOnExit, Generic[M]):
     """Calls a function in a thread of its own, until closed; see :meth:`.BoundSlot.subscribe`."""
 
     def __init__(
@@ -236,12 +237,6 @@ class Subscription(Generic[M]):
             self._over = True
         if not within:
             self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _run(self) -> None:
         try:

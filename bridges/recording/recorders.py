@@ -17,6 +17,7 @@ import importlib.metadata
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import inf
 from pathlib import Path
@@ -242,33 +243,25 @@ class _IncomingJournal:
             )
 
 
+@dataclass(eq=False)
 class BoardRecorder:
     """Write the new messages in the slots of a board whose names match one of `patterns`, if any.
 
     Of these only the slots that are `shown`; by default all.
     """
 
-    def __init__(
-        self,
-        board: Whiteboard,
-        writer: RecordingWriter,
-        patterns: Sequence[str] = (),
-        shown: Shown | None = None,
-    ):
-        self._board = board
-        self._shown = shown or Shown(board)
-        self._writer = writer
-        self._patterns = patterns
+    board: Whiteboard
+    writer: RecordingWriter
+    patterns: Sequence[str] = ()
+    shown: Shown | None = None
+
+    def __post_init__(self) -> None:
+        self._shown = self.shown or Shown(self.board)
         self._view_ns = 0  # when that is due
         self._warned: set[str] = set()
-        self._poller = BoardPoller(board, wants=self._is_recorded, discovery_s=_DISCOVERY_S)
+        self._poller = BoardPoller(self.board, wants=self._is_recorded, discovery_s=_DISCOVERY_S)
         self._poller.discover()
         self._old = frozenset(self._poller.slots)  # made before the recording began
-
-    @property
-    def alive(self) -> bool:
-        """True as long as any process may write to the board."""
-        return self._board.alive
 
     def poll(self, *, last: bool = False) -> None:
         """Write each message that is new since the last poll and was not replaced yet."""
@@ -284,11 +277,11 @@ class BoardRecorder:
                 self._warn(polled.name, polled.problem)
             else:
                 new = polled.name not in self._old
-                self._writer.add(polled.slot, polled.sample, new=new)
+                self.writer.add(polled.slot, polled.sample, new=new)
 
     def wants(self, name: str) -> bool:
         """Check that a name matches one of the patterns, or that there are none."""
-        return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
+        return not self.patterns or any(fnmatchcase(name, each) for each in self.patterns)
 
     def _is_recorded(self, name: str) -> bool:
         is_wanted = is_data(name) and name != RECORDER.name and self.wants(name)
@@ -322,7 +315,7 @@ def record(
     """
     last, until = False, inf
     while not last:
-        if until == inf and not board.alive:
+        if until == inf and not board.board.alive:
             until = time.monotonic() + patience_s
         last = is_over() or (
             until < inf and (journals is None or journals.idle or time.monotonic() > until)

@@ -369,7 +369,8 @@ class Rerun:
         self.difference: Difference | None = None
         """The first one, as soon as it is found."""
         self._over = False  # whether a recording that was cut short has ended
-        self._number = 0
+        self.events = 0
+        """The number of events and posted messages that were as recorded."""
 
     def arrange(self, machines: Iterable[Loadable] = (), **options: Any) -> Arrangement:
         """Return an arrangement that learns from the journal, with the options of `Arrangement`."""
@@ -416,11 +417,6 @@ class Rerun:
         """Nanoseconds by which the machines' clock was behind the host's at the latest event."""
         return self._inputs.behind_ns
 
-    @property
-    def events(self) -> int:
-        """The number of events and posted messages that were as recorded."""
-        return self._number
-
     def _noting_machines(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         begun = False
         for entry in entries:
@@ -465,7 +461,7 @@ class Rerun:
         if compared(recorded, self._how) != compared(found, self._how):
             self._differ(recorded, found)
             return False
-        self._number += 1
+        self.events += 1
         return True
 
     def _differ(self, recorded: Entry, found: Entry | None) -> None:
@@ -473,7 +469,7 @@ class Rerun:
             now_ns = recorded.get("time_ns", self._inputs.clock.now_ns())
             after_s = (now_ns - self._begin_ns) / 1e9
             saw = self._seen_by(recorded.get("machine"))
-            self.difference = Difference(self._number + 1, after_s, recorded, found, saw)
+            self.difference = Difference(self.events + 1, after_s, recorded, found, saw)
 
     def _seen_by(self, machine: str | None) -> dict[str, object]:
         """Return the latest findings of a machine's sensors, by their names."""

@@ -41,6 +41,7 @@ from mcap.writer import Writer
 from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Message, Sample, Slot
+from llfsm.whiteboard.closing import ClosedOnExit
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 from llfsm.whiteboard.schema import from_plain, to_plain
 
@@ -116,7 +117,7 @@ class _WrittenJournal:
     number: int = 0
 
 
-class RecordingWriter:
+class RecordingWriter(ClosedOnExit):
     """Write a recording; leaving the ``with`` block completes the file.
 
     Raise :class:`.RecordingFileError` if the file cannot be made or written to.
@@ -143,12 +144,6 @@ class RecordingWriter:
         self._writer.start(profile=self.profile)
         times = {"offset_ns": str(self._offset_ns), "begin_ns": str(self.begin_ns)}
         self.add_metadata(ABOUT, {**about, **times})
-
-    def __enter__(self) -> RecordingWriter:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def size(self) -> int:

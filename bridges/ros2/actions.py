@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from llfsm.bridges.ros2.calls import through
@@ -76,6 +76,7 @@ class ServerGoal:
         self.server.end(self, status, result)
 
 
+@dataclass(eq=False)
 class ActionServer:
     """Serves one action of a node until it is closed.
 
@@ -83,26 +84,21 @@ class ActionServer:
     and decided by the goal's ``decide``. ``cancel`` gets a goal that a client wants
     to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the goal that it
     gets. They are called through ``put``, on the thread that owns the server: call no
-    method on another.
+    method on another. ``now_ns`` returns the node's time, by which results expire, too.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        of: RosAction,
-        types: TypeLibrary,
-        *,
-        begin: Callable[[ServerGoal], bool | None],
-        cancel: Callable[[ServerGoal], bool],
-        put: Put,
-        now_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        """``now_ns`` returns the node's time, by which results expire, too."""
-        self._name = name
-        self._begin = begin
-        self._agree_to_cancel = cancel
-        self._now_ns = now_ns
+    node: Node
+    name: str
+    of: RosAction
+    types: TypeLibrary
+    _: KW_ONLY
+    begin: Callable[[ServerGoal], bool | None]
+    cancel: Callable[[ServerGoal], bool]
+    put: Put
+    now_ns: Callable[[], int] = time.time_ns
+
+    def __post_init__(self) -> None:
+        node, name, of, types = self.node, self.name, self.of, self.types
         self._goals: dict[bytes, ServerGoal] = {}
         self._undecided: dict[bytes, ServerGoal] = {}
 
@@ -129,7 +125,7 @@ class ActionServer:
             ("cancel_goal", cancel_goal, self._take_cancel),
             ("get_result", of.get_result, self._take_result),
         ):
-            opened(node.server(f"{name}/_action/{service}", of_service, through(put, take)))
+            opened(node.server(f"{name}/_action/{service}", of_service, through(self.put, take)))
 
     def close(self) -> None:
         """Take it off the graph; callers that wait for a result get none."""
@@ -142,7 +138,7 @@ class ActionServer:
     def end(self, goal: ServerGoal, status: GoalStatus, result: Message) -> None:
         """End a goal with a status and a result."""
         goal.status = status
-        goal.ended_ns = self._now_ns()
+        goal.ended_ns = self.now_ns()
         goal.response = self._result(status=int(status), result=result)
         for request in goal.waiting:
             request.answer(goal.response)
@@ -153,10 +149,10 @@ class ActionServer:
         self._forget()
         message = request.message
         key = message.goal_id.uuid
-        info = self._info(goal_id=message.goal_id, stamp=from_ns(self._now_ns()))
+        info = self._info(goal_id=message.goal_id, stamp=from_ns(self.now_ns()))
         goal = ServerGoal(self, info, message.goal, request)
         if key in self._goals or key in self._undecided:
-            _LOG.warning("%s: refused a goal with a known id: %s", self._name, key.hex())
+            _LOG.warning("%s: refused a goal with a known id: %s", self.name, key.hex())
             accepted: bool | None = False
         else:
             accepted = self._accept(key, goal)
@@ -184,7 +180,7 @@ class ActionServer:
         accepted: bool | None = False
         self._goals[key] = goal
         try:
-            accepted = self._begin(goal)
+            accepted = self.begin(goal)
         finally:
             if not accepted:
                 del self._goals[key]
@@ -194,7 +190,7 @@ class ActionServer:
         self._forget()
         wanted = request.message.goal_info
         code, meant = self._meant(wanted.goal_id.uuid, to_ns(wanted.stamp))
-        agreed = [goal for goal in meant if self._agree_to_cancel(goal)]
+        agreed = [goal for goal in meant if self.cancel(goal)]
         for goal in agreed:
             goal.status = GoalStatus.CANCELING
         if meant and not agreed:
@@ -233,7 +229,7 @@ class ActionServer:
 
     def _forget(self) -> None:
         """Drop results older than 10 s."""
-        then = self._now_ns() - _KEPT_NS
+        then = self.now_ns() - _KEPT_NS
         self._goals = {
             key: goal
             for key, goal in self._goals.items()
@@ -251,6 +247,7 @@ class ActionServer:
 _RESULT_S = 30 * 86_400.0  # a goal may take as long as it likes: there is no call without a limit
 
 
+@dataclass(eq=False)
 class ActionClient:
     """Sends goals to an action's server, follows and cancels them, until it is closed.
 
@@ -260,24 +257,22 @@ class ActionClient:
     call; ``timeout`` is in seconds.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        of: RosAction,
-        types: TypeLibrary,
-        *,
-        feedback: Callable[[bytes, Message], None],
-        status: Callable[[bytes, GoalStatus], None],
-    ) -> None:
+    node: Node
+    name: str
+    of: RosAction
+    types: TypeLibrary
+    _: KW_ONLY
+    feedback: Callable[[bytes, Message], None]
+    status: Callable[[bytes, GoalStatus], None]
+
+    def __post_init__(self) -> None:
+        node, name, of, types = self.node, self.name, self.of, self.types
         cancel_goal = types.service("action_msgs/srv/CancelGoal")
         self._uuid = types.message("unique_identifier_msgs/msg/UUID").message
         self._info = types.message("action_msgs/msg/GoalInfo").message
         self._goal = of.send_goal.request.message
         self._cancel = cancel_goal.request.message
         self._result = of.get_result.request.message
-        self._of_feedback = feedback
-        self._of_status = status
         self._ends = ExitStack()
         opened = self._ends.enter_context
         self._goals = opened(node.client(f"{name}/_action/send_goal", of.send_goal))
@@ -316,8 +311,8 @@ class ActionClient:
 
     def _on_feedback(self, arrival: SerializedMessage[Any]) -> None:
         message = arrival.decode()
-        self._of_feedback(message.goal_id.uuid, message.feedback)
+        self.feedback(message.goal_id.uuid, message.feedback)
 
     def _on_statuses(self, arrival: SerializedMessage[Any]) -> None:
         for each in arrival.decode().status_list:
-            self._of_status(each.goal_info.goal_id.uuid, GoalStatus(each.status))
+            self.status(each.goal_info.goal_id.uuid, GoalStatus(each.status))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
@@ -71,29 +72,26 @@ def _ends(
     )
 
 
-def _all() -> tuple[LifecycleTransition, ...]:
-    state, of = LifecycleState, LifecycleTransition
-    return (
-        of(1, "configure", state.UNCONFIGURED, state.CONFIGURING),
-        *_ends(10, state.CONFIGURING, state.INACTIVE, state.UNCONFIGURED),
-        of(2, "cleanup", state.INACTIVE, state.CLEANINGUP),
-        *_ends(20, state.CLEANINGUP, state.UNCONFIGURED, state.INACTIVE),
-        of(3, "activate", state.INACTIVE, state.ACTIVATING),
-        *_ends(30, state.ACTIVATING, state.ACTIVE, state.INACTIVE),
-        of(4, "deactivate", state.ACTIVE, state.DEACTIVATING),
-        *_ends(40, state.DEACTIVATING, state.INACTIVE, state.ACTIVE),
-        of(5, "shutdown", state.UNCONFIGURED, state.SHUTTINGDOWN),
-        of(6, "shutdown", state.INACTIVE, state.SHUTTINGDOWN),
-        of(7, "shutdown", state.ACTIVE, state.SHUTTINGDOWN),
-        *_ends(50, state.SHUTTINGDOWN, state.FINALIZED, state.FINALIZED),
-        *_ends(60, state.ERRORPROCESSING, state.UNCONFIGURED, state.FINALIZED),
-    )
-
-
-TRANSITIONS = _all()
+_state, _of = LifecycleState, LifecycleTransition
+TRANSITIONS: tuple[LifecycleTransition, ...] = (
+    _of(1, "configure", _state.UNCONFIGURED, _state.CONFIGURING),
+    *_ends(10, _state.CONFIGURING, _state.INACTIVE, _state.UNCONFIGURED),
+    _of(2, "cleanup", _state.INACTIVE, _state.CLEANINGUP),
+    *_ends(20, _state.CLEANINGUP, _state.UNCONFIGURED, _state.INACTIVE),
+    _of(3, "activate", _state.INACTIVE, _state.ACTIVATING),
+    *_ends(30, _state.ACTIVATING, _state.ACTIVE, _state.INACTIVE),
+    _of(4, "deactivate", _state.ACTIVE, _state.DEACTIVATING),
+    *_ends(40, _state.DEACTIVATING, _state.INACTIVE, _state.ACTIVE),
+    _of(5, "shutdown", _state.UNCONFIGURED, _state.SHUTTINGDOWN),
+    _of(6, "shutdown", _state.INACTIVE, _state.SHUTTINGDOWN),
+    _of(7, "shutdown", _state.ACTIVE, _state.SHUTTINGDOWN),
+    *_ends(50, _state.SHUTTINGDOWN, _state.FINALIZED, _state.FINALIZED),
+    *_ends(60, _state.ERRORPROCESSING, _state.UNCONFIGURED, _state.FINALIZED),
+)
 """All transitions, in rcl_lifecycle's order."""
 
 
+@dataclass(eq=False)
 class LifecycleServer:
     """Serves a node's lifecycle, and publishes its transitions on ``~/transition_event``.
 
@@ -101,15 +99,14 @@ class LifecycleServer:
     an error. It is called through ``put``, one transition after the other.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        put: Put,
-        work: Callable[[LifecycleState], WorkOutcome],
-    ) -> None:
+    node: Node
+    types: TypeLibrary
+    put: Put
+    work: Callable[[LifecycleState], WorkOutcome]
+
+    def __post_init__(self) -> None:
+        node, types = self.node, self.types
         self.state = LifecycleState.UNCONFIGURED
-        self._work = work
         self._changing = threading.RLock()
         self._state = types.message("lifecycle_msgs/msg/State").message
         self._transition = types.message("lifecycle_msgs/msg/Transition").message
@@ -119,13 +116,13 @@ class LifecycleServer:
         self._publish = node.publisher("~/transition_event", event).publish
         change = types.service("lifecycle_msgs/srv/ChangeState")
         self._changed = change.response.message
-        node.server("~/change_state", change, through(put, self._change))
-        transitions = "GetAvailableTransitions"
+        node.server("~/change_state", change, through(self.put, self._change))
+        states, transitions = tuple(map(self._of, LifecycleState)), "GetAvailableTransitions"
         for name, type_name, answer in (
-            ("get_state", "GetState", self._current),
-            ("get_available_states", "GetAvailableStates", self._states),
-            ("get_available_transitions", transitions, self._available),
-            ("get_transition_graph", transitions, self._graph),
+            ("get_state", "GetState", lambda _: {"current_state": self._of(self.state)}),
+            ("get_available_states", "GetAvailableStates", lambda _: {"available_states": states}),
+            ("get_available_transitions", transitions, lambda _: self._described(self._ways())),
+            ("get_transition_graph", transitions, lambda _: self._described(TRANSITIONS)),
         ):
             of = types.service(f"lifecycle_msgs/srv/{type_name}")
             node.server(f"~/{name}", of, answering(of, answer))
@@ -145,10 +142,10 @@ class LifecycleServer:
                 )
                 return False
             self._take(way)
-            outcome = self._end(work or self._work)
+            outcome = self._end(work or self.work)
             if outcome is WorkOutcome.ERROR:
                 _LOG.warning("Error occurred while doing error handling.")
-                self._end(self._work)
+                self._end(self.work)
             return outcome is WorkOutcome.SUCCESS
 
     def _end(self, work: Callable[[LifecycleState], WorkOutcome]) -> WorkOutcome:
@@ -172,18 +169,6 @@ class LifecycleServer:
     def _change(self, request: ServiceRequest[Any, Any]) -> None:
         wanted = request.message.transition
         request.answer(self._changed(success=self.change(wanted.label or wanted.id)))
-
-    def _current(self, _: Any) -> dict[str, Any]:
-        return {"current_state": self._of(self.state)}
-
-    def _states(self, _: Any) -> dict[str, Any]:
-        return {"available_states": tuple(map(self._of, LifecycleState))}
-
-    def _available(self, _: Any) -> dict[str, Any]:
-        return self._described(self._ways())
-
-    def _graph(self, _: Any) -> dict[str, Any]:
-        return self._described(TRANSITIONS)
 
     def _described(self, ways: Iterable[LifecycleTransition]) -> dict[str, Any]:
         described = (

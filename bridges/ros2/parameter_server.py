@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from llfsm.bridges.ros2.calls import answering, through
@@ -31,22 +32,22 @@ _SEPARATOR = "."
 _FIELDS = {kind: f"{kind.name.lower()}_value" for kind in ParameterType if kind}
 
 
+@dataclass(eq=False)
 class ParameterServer:
-    """Serves a node's parameters to others; requests are handled through ``put``, on one thread."""
+    """Serves a node's parameters to others; requests are handled through ``put``, on one thread.
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        parameters: NodeParameters,
-        put: Put,
-        now_ns: Callable[[], int] = time.time_ns,
-        events_qos: Qos = PARAMETER_QOS,
-    ) -> None:
-        """``now_ns`` returns the node's time, for stamps."""
-        self._node = node.name
-        self._now_ns = now_ns
-        self._parameters = parameters
+    ``now_ns`` returns the node's time, for stamps.
+    """
+
+    node: Node
+    types: TypeLibrary
+    parameters: NodeParameters
+    put: Put
+    now_ns: Callable[[], int] = time.time_ns
+    events_qos: Qos = PARAMETER_QOS
+
+    def __post_init__(self) -> None:
+        node, types = self.node, self.types
 
         def of(name: str) -> type[Message]:
             return types.message(f"rcl_interfaces/msg/{name}").message
@@ -57,7 +58,7 @@ class ParameterServer:
         self._found = of("ListParametersResult")
         event = types.message("rcl_interfaces/msg/ParameterEvent")
         self._event = event.message
-        self._publish = node.publisher(PARAMETER_EVENTS, event, events_qos).publish
+        self._publish = node.publisher(PARAMETER_EVENTS, event, self.events_qos).publish
         for name, type_name, respond in (
             ("get_parameters", "GetParameters", self._get),
             ("get_parameter_types", "GetParameterTypes", self._types),
@@ -67,17 +68,17 @@ class ParameterServer:
             ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ):
             service = types.service(f"rcl_interfaces/srv/{type_name}")
-            handler = through(put, answering(service, respond))
+            handler = through(self.put, answering(service, respond))
             node.server(f"~/{name}", service, handler, PARAMETER_QOS)
-        self._publish_event(new_parameters=parameters.values().items())
+        self._publish_event(new_parameters=self.parameters.values().items())
 
     def _get(self, request: Any) -> dict[str, Any]:
-        values = self._parameters.values()
+        values = self.parameters.values()
         known = self._all_known(request.names)
         return {"values": tuple(self._to_message(values[name]) for name in known)}
 
     def _types(self, request: Any) -> dict[str, Any]:
-        values = self._parameters.values()
+        values = self.parameters.values()
         return {"types": bytes(type_of(values[name]) for name in self._all_known(request.names))}
 
     def _describe(self, request: Any) -> dict[str, Any]:
@@ -87,7 +88,7 @@ class ParameterServer:
     def _list(self, request: Any) -> dict[str, Any]:
         names = tuple(
             name
-            for name in self._parameters.declared
+            for name in self.parameters.declared
             if _listed(name, request.prefixes, request.depth)
         )
         prefixes = dict.fromkeys(
@@ -99,7 +100,7 @@ class ParameterServer:
         return {"results": tuple(self._set_all([one]) for one in request.parameters)}
 
     def _set_atomically(self, request: Any) -> dict[str, Any]:
-        if not all(one.name in self._parameters.declared for one in request.parameters):
+        if not all(one.name in self.parameters.declared for one in request.parameters):
             reason = "One or more parameters were not declared before setting"
             return {"result": self._outcome(successful=False, reason=reason)}
         return {"result": self._set_all(request.parameters)}
@@ -109,10 +110,10 @@ class ParameterServer:
         if not wanted:
             return self._outcome(successful=False, reason=_NOTHING)
         values = [(one.name, _from_message(one.value)) for one in wanted]
-        if reason := self._parameters.refusal(*values):
+        if reason := self.parameters.refusal(*values):
             return self._outcome(successful=False, reason=reason)
         for name, value in values:
-            self._parameters.assign(name, value)
+            self.parameters.assign(name, value)
         self._publish_event(changed_parameters=values)
         return self._outcome(successful=True)
 
@@ -123,10 +124,10 @@ class ParameterServer:
             )
             for field, values in changes.items()
         }
-        self._publish(self._event(stamp=from_ns(self._now_ns()), node=self._node, **lists))
+        self._publish(self._event(stamp=from_ns(self.now_ns()), node=self.node.name, **lists))
 
     def _all_known(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        return names if all(name in self._parameters.declared for name in names) else ()
+        return names if all(name in self.parameters.declared for name in names) else ()
 
     def _to_message(self, value: Value) -> Message:
         kind = type_of(value)
@@ -134,7 +135,7 @@ class ParameterServer:
         return self._value(type=int(kind), **field)
 
     def _description(self, name: str) -> Message:
-        declared = self._parameters.declared[name]
+        declared = self.parameters.declared[name]
         ranges: dict[str, tuple[Message, ...]] = {}
         if declared.range is not None:
             least, greatest = declared.range

@@ -33,7 +33,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast
 
 from llfsm.bridges.ros2.defaults import DOMAINS
 from llfsm.bridges.ros2.errors import CdrError, DomainIdError, TransportClosedError
@@ -47,6 +47,7 @@ from llfsm.bridges.ros2.graph import (
     type_conflict,
 )
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.whiteboard.closing import ClosedOnExit
 from llfsm.whiteboard.message import M, Message
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ T = TypeVar("T")
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
-class Closable(ABC):
+class Closable(ClosedOnExit):
     """An object that any thread may close at any time, more than once.
 
     The objects it owns are closed first, the newest first. It is a context manager. Code that
@@ -77,12 +78,6 @@ class Closable(ABC):
             with self._lifetime:
                 owner._check_open()
                 owner._owned[self] = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def closed(self) -> bool:

@@ -104,9 +104,5 @@ class Bundle:
 
 
 def _declarations(source: Bundle | BundleState) -> dict[str, Fragment]:
-    parts = {
-        "Includes": source.includes,
-        "Variables": source.variables,
-        "Methods": source.methods,
-    }
-    return {part: text for part, text in parts.items() if text is not None}
+    parts = ("Includes", "Variables", "Methods")
+    return {part: text for part in parts if (text := getattr(source, part.lower())) is not None}

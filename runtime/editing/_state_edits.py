@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator, Sequence
+from operator import delitem
 from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
@@ -154,12 +155,9 @@ class DeleteTransition(CodeEdit, frozen=True, tag="delete transition"):
         draft.transition(self.source, self.number)
         numbers = range(len(draft.state(self.source).transitions))
         _renumber(draft, self.source, [number for number in numbers if number != self.number])
-        change_paths(draft, self.source, lambda paths: _delete(paths, self.number), -1)
+        place = slice(self.number, self.number + 1)  # which has a path, perhaps
+        change_paths(draft, self.source, lambda paths: delitem(paths, place), -1)
         draft.keep_a_file(self.source)
-
-
-def _delete(paths: list[Path], number: int) -> None:
-    del paths[number : number + 1]
 
 
 def _renumber(draft: Draft, state: str, order: Sequence[int]) -> None:

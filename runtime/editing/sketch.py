@@ -47,6 +47,7 @@ _ALONG = (0.5, 0.28, 0.72)  # where their labels are
 _START = 26.0  # the length of the arrow to the initial state
 _BESIDE = (0.0, 14.0, -14.0, 40.0, -40.0)  # the arrow, where labels have room
 _LOOP = Label(0, 0, 0, 0, ())
+_made_label = lru_cache(maxsize=4096)(make_label)
 
 
 def sketch(bundle: Bundle) -> Diagram:
@@ -130,11 +131,6 @@ def _label(transition: BundleTransition, *, python: bool) -> str:
         return label_of(transition.expression)
     except BundleError:
         return " ".join(transition.expression.text.split())
-
-
-@lru_cache(maxsize=4096)
-def _made_label(text: str) -> Label:
-    return make_label(text)
 
 
 def _boxes(bundle: Bundle) -> list[Box]:

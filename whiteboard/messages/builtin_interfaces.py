@@ -3,8 +3,6 @@
 from llfsm.whiteboard.message import Message
 from llfsm.whiteboard.messages.types import Int32, UInt32
 
-__all__ = ["Duration", "Time"]
-
 
 class Time(Message, type_name="builtin_interfaces/msg/Time"):
     """A time since the epoch of its clock."""

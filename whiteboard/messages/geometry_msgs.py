@@ -7,30 +7,6 @@ from msgspec import Meta
 from llfsm.whiteboard.message import Message
 from llfsm.whiteboard.messages.std_msgs import Header
 
-__all__ = [
-    "Accel",
-    "Point",
-    "Point32",
-    "PointStamped",
-    "Polygon",
-    "PolygonStamped",
-    "Pose",
-    "PoseArray",
-    "PoseStamped",
-    "PoseWithCovariance",
-    "PoseWithCovarianceStamped",
-    "Quaternion",
-    "Transform",
-    "TransformStamped",
-    "Twist",
-    "TwistStamped",
-    "TwistWithCovariance",
-    "TwistWithCovarianceStamped",
-    "Vector3",
-    "Vector3Stamped",
-    "Wrench",
-]
-
 Covariance = Annotated[tuple[float, ...], Meta(min_length=36, max_length=36)]
 
 

@@ -4,26 +4,6 @@ from llfsm.whiteboard.message import Message
 from llfsm.whiteboard.messages import types
 from llfsm.whiteboard.messages.builtin_interfaces import Time
 
-__all__ = [
-    "Bool",
-    "Byte",
-    "Char",
-    "ColorRGBA",
-    "Empty",
-    "Float32",
-    "Float64",
-    "Header",
-    "Int8",
-    "Int16",
-    "Int32",
-    "Int64",
-    "String",
-    "UInt8",
-    "UInt16",
-    "UInt32",
-    "UInt64",
-]
-
 
 class String(Message, type_name="std_msgs/msg/String"):
     """A text."""

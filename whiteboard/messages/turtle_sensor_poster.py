@@ -8,8 +8,6 @@ its request, too, because it holds a later position; so clients may share the tw
 from llfsm.whiteboard.message import Message
 from llfsm.whiteboard.slots import Slot
 
-__all__ = ["ANSWER", "REQUEST", "TurtlePositionAnswer", "TurtlePositionRequest"]
-
 
 class TurtlePositionRequest(Message, type_name="turtle_sensor_poster/srv/TurtlePosition_Request"):
     """Requests the turtle's position."""

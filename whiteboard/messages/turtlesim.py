@@ -3,8 +3,6 @@
 from llfsm.whiteboard.message import Message
 from llfsm.whiteboard.messages.types import UInt8
 
-__all__ = ["Color", "Pose"]
-
 
 class Pose(Message, type_name="turtlesim/msg/Pose"):
     """A turtle's pose and velocity: metres, radians in [-pi, pi], m/s without sign, rad/s.

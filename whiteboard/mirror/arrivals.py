@@ -18,6 +18,7 @@ directions, rates.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -86,7 +87,8 @@ class Routes:
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
         """Checks that other hosts may add to a slot of that name."""
-        self._routes: dict[str, Route] = {}
+        self.known: dict[str, Route] = {}
+        """The routes that were asked for so far."""
         self._groups: dict[str, list[tuple[str, Route]]] = {}
         self.offered: dict[str, bool] = {}
         """The groups that have messages which may leave; True for those about machines."""
@@ -102,13 +104,9 @@ class Routes:
         wires = map(self.naming.wire, filter(self.enters, read))
         return {group_of(wire) for wire in wires if wire is not None}
 
-    def known(self, name: str) -> Route | None:
-        """Return the route of a slot if it was asked for before, else None."""
-        return self._routes.get(name)
-
     def get(self, name: str) -> Route:
         """Return the route of a slot on the board; raise `Refused` if its record is unusable."""
-        route = self._routes.get(name)
+        route = self.known.get(name)
         if route is None:
             leaves, enters = self._leaves(name), self.enters(name)
             wire = self.naming.wire(name)
@@ -117,21 +115,21 @@ class Routes:
                     self.refusals.add(f"no name for others: {name}", self.naming.why_none(name))
                 wire, leaves, enters = name, False, False
             cell, period = self.store.cell(name), self._period_ns(name)
-            route = self._routes[name] = Route(cell, wire, leaves, enters, period)
+            route = self.known[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
         return route
 
     def usable(self, name: str) -> Route | None:
         """Return the route of a slot, or None, counted, if its record is unusable."""
         try:
-            return self._routes.get(name) or self.get(name)
+            return self.known.get(name) or self.get(name)
         except Refused as refused:
             self.refusals.add(f"unusable: {name}", str(refused))
             return None
 
     def offered_by(self, name: str) -> Route | None:
         """Return the route of a slot with a message, whose group is offered if it may leave."""
-        route = self._routes.get(name) or self.usable(name)
+        route = self.known.get(name) or self.usable(name)
         if route is not None and route.leaves:
             self.offered[route.group] = name.startswith(OWN)
         return route
@@ -159,29 +157,24 @@ class _Held(NamedTuple):
     value: Value
 
 
+@dataclass(eq=False)
 class Arrivals:
     """Adds other hosts' messages to the board, for one thread at a time.
 
     Of the clocks, `now_ns` is monotonic and `wall_ns` the host's: the time since 1970.
     """
 
-    def __init__(
-        self,
-        routes: Routes,
-        peers: Peers,
-        quotas: Quotas,
-        now_ns: Callable[[], int],
-        wall_ns: Callable[[], int],
-    ) -> None:
-        self._store, self._refusals = routes.store, routes.refusals
-        self._settings = settings = routes.settings
+    routes: Routes
+    peers: Peers
+    quotas: Quotas
+    now_ns: Callable[[], int]
+    wall_ns: Callable[[], int]
+
+    def __post_init__(self) -> None:
+        self._store, self._refusals = self.routes.store, self.routes.refusals
+        self._settings = settings = self.routes.settings
         self._ahead_ns = settings.ahead_ns
-        self._is_renaming = bool(routes.naming.host)
-        self._routes = routes
-        self._peers = peers
-        self._quotas = quotas
-        self._now_ns = now_ns
-        self._wall_ns = wall_ns
+        self._is_renaming = bool(self.routes.naming.host)
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
         self._busy_ns: float = 0  # the time until which an arriving message may be held back
@@ -195,27 +188,27 @@ class Arrivals:
 
     def steps(self, source: Source, batch: ReceivedBatch) -> Iterator[None]:
         """Add the messages of a batch, one in each step; refuse those that cannot enter."""
-        account = self._quotas.account(source.name)
+        account = self.quotas.account(source.name)
         declared = {}
         for raw in batch.declarations:
             size = memoryview(raw).nbytes
-            account.charge(self._now_ns(), messages=1 + size // _BYTES_OF_TIME)
+            account.charge(self.now_ns(), messages=1 + size // _BYTES_OF_TIME)
             if size > _MAX_DECLARATION:
                 self._refusals.add("a declaration that is too long", "a declaration is too long")
             elif (sent := self._decode(_DECLARATIONS, raw, "declaration")) is not None:
-                declaration = self._routes.naming.arriving(sent)
+                declaration = self.routes.naming.arriving(sent)
                 if declaration is not None:
                     declared[declaration.slot] = declaration
             yield
         for raw in batch.values:
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             account.charge(now_ns, messages=1)
             value = self._decode(_VALUES, raw, "message")
             if self._is_renaming:
                 value = self._here(value)
             if value is not None and (not self._access or self._may_add(source, value.slot)):
                 try:
-                    route = self._routes.known(value.slot)
+                    route = self.routes.known.get(value.slot)
                     if route is None or route.cell.kind != value.kind or not route.enters:
                         route = self._find_route(source, value, declared.get(value.slot))
                     if route is not None and self._is_timely(source, value):
@@ -235,7 +228,7 @@ class Arrivals:
 
     def _here(self, sent: Value | None) -> Value | None:
         """Give a message the name of its slot here; return None, counted, if it has none."""
-        value = None if sent is None else self._routes.naming.arriving(sent)
+        value = None if sent is None else self.routes.naming.arriving(sent)
         if sent is not None and value is None:
             self._refusals.add(
                 "slots of no host in `fleet`",
@@ -259,34 +252,34 @@ class Arrivals:
         `Refused` if the slot cannot be made, or the sender's type is not the board's.
         """
         name = value.slot
-        if not self._routes.enters(name):
+        if not self.routes.enters(name):
             why = "the board is read-only" if self._settings.read_only else "not listed"
             self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
             return None
         exists = self._exists(name)
-        if exists and (route := self._routes.get(name)).cell.kind == value.kind:
+        if exists and (route := self.routes.get(name)).cell.kind == value.kind:
             self.unknown.discard(name)
             return route
-        failure = self._quotas.account(source.name).failure(name, value.kind)
+        failure = self.quotas.account(source.name).failure(name, value.kind)
         if failure is not None:
             raise Refused(failure)
         if declaration is None:
             if len(self.unknown) < _MAX_UNKNOWN:
                 self.unknown.add(name)
-                self._peers.miss(source)
+                self.peers.miss(source)
             return None
         self.unknown.discard(name)
         self._make(source, value.kind, declaration, exists=exists)
-        route = self._routes.get(name)
+        route = self.routes.get(name)
         if route.cell.kind != value.kind:
             raise Refused(f"slot {name!r}: the message is not of the type that its sender declares")
         return route
 
     def _exists(self, name: str) -> bool:
         """Check that a slot is on the board, or was when all names were read last."""
-        if self._routes.known(name) is not None or name in self._names:
+        if name in self.routes.known or name in self._names:
             return True
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         if now_ns >= self._names_ns:
             self._names_ns = now_ns + _NAMES_NS
             self._names = {info.name for info in self._store.board.slots()}
@@ -300,12 +293,12 @@ class Arrivals:
                 f"slot {name!r}: its capacity of {declaration.capacity} bytes exceeds this host's "
                 f"limit of {self._settings.largest}"
             )
-        account = self._quotas.account(source.name)
+        account = self.quotas.account(source.name)
         memory = 0 if exists else footprint(declaration)
         account.take_slot(name, memory)
         try:
             if exists:
-                raise Refused(self._store.clash(self._routes.get(name).cell, declaration))
+                raise Refused(self._store.clash(self.routes.get(name).cell, declaration))
             self._store.declare(declaration)
         except Refused as refused:
             account.fail(name, kind, memory, str(refused)[:_MAX_REASON])
@@ -313,11 +306,11 @@ class Arrivals:
 
     def _is_timely(self, source: Source, value: Value) -> bool:
         """Check that a message's version is at most `ahead_s` ahead of this host's clock."""
-        ahead_ns = value.version.time - self._wall_ns()
+        ahead_ns = value.version.time - self.wall_ns()
         if ahead_ns <= self._ahead_ns:
             return True
         # It may be this clock that is wrong: then the message is missed once the clock is set.
-        self._peers.miss_later(source, value.version.time - self._ahead_ns)
+        self.peers.miss_later(source, value.version.time - self._ahead_ns)
         self._refusals.add(
             f"from {source}: ahead of this host's clock",
             f"slot {value.slot!r}: its version is {ahead_ns / _DAY_NS:.1f} days ahead of this "
@@ -355,7 +348,7 @@ class Arrivals:
 
     def enter_held(self) -> None:
         """Add the messages that were held back long enough."""
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         for slot, held in list(self._held.items()):
             if held.route.arrivals.due_ns <= now_ns:
                 del self._held[slot]
@@ -367,7 +360,7 @@ class Arrivals:
     def due_ns(self) -> list[float]:
         """Return the times at which held messages may enter, or arriving ones at once again."""
         due = [held.route.arrivals.due_ns for held in self._held.values()]
-        if self._now_ns() < self._busy_ns:
+        if self.now_ns() < self._busy_ns:
             due.append(self._busy_ns)
         else:
             self._busy_ns = 0

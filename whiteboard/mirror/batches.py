@@ -82,12 +82,13 @@ class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_f
 
 
 class _Head(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The sender of a batch, and the time of sending."""
+    """The sender of a batch or a heartbeat, and the time of sending."""
 
     sender: Id
     born: Time
     """The time at which the sender started; its numbers restart with it."""
     number: Id
+    """Of the batch, or of the latest one before a heartbeat."""
     sent_ns: Time
     """By the sender's clock, since 1970."""
 
@@ -106,14 +107,9 @@ class ReceivedBatch(_Head, frozen=True, array_like=True, forbid_unknown_fields=T
     declarations: _RawItems = ()
 
 
-class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class Heartbeat(_Head, frozen=True, array_like=True, forbid_unknown_fields=True):
     """Shows a group's readers that a host is alive, a few times a second."""
 
-    sender: Id
-    born: Time
-    number: Id
-    """Of its latest batch."""
-    sent_ns: Time
     name: Annotated[str, Meta(max_length=255)]
     """The host's name in its network."""
 

@@ -27,6 +27,7 @@ import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import msgspec
@@ -60,6 +61,7 @@ _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
 _ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcement is repeated
 
 
+@dataclass(eq=False)
 class Exchange:
     """Decides what a board sends, and takes what it receives. Threads may share it.
 
@@ -68,21 +70,16 @@ class Exchange:
     locks of its own, and waits for this one while it holds one of them.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        settings: Settings,
-        now_ns: Callable[[], int],
-        wall_ns: Callable[[], int],
-        is_read: Callable[[str], bool] = lambda _: True,
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._now_ns = now_ns
-        self._wall_ns = wall_ns
-        self._is_read = is_read
+    store: Store
+    settings: Settings
+    now_ns: Callable[[], int]
+    wall_ns: Callable[[], int]
+    is_read: Callable[[str], bool] = lambda _: True
+
+    def __post_init__(self) -> None:
+        store, settings, now_ns = self.store, self.settings, self.now_ns
         self._lock = store.lock
-        self._born = wall_ns()
+        self._born = self.wall_ns()
         self._numbers: Counter[str] = Counter()  # of the latest batch, by group
         self._announced_ns = 0  # the time until which all groups are announced
         self.interest = Interest(settings.eager, now_ns())
@@ -92,7 +89,7 @@ class Exchange:
         self._refusals = Refusals()
         self._routes = Routes(store, settings, self._refusals)
         self._quotas = Quotas(settings.quota)
-        self._arrivals = Arrivals(self._routes, self._peers, self._quotas, now_ns, wall_ns)
+        self._arrivals = Arrivals(self._routes, self._peers, self._quotas, now_ns, self.wall_ns)
 
     # ---- Sending ----------------------------------------------------------------------------
 
@@ -102,16 +99,16 @@ class Exchange:
         `slots` are those that may have changed since the last call. A slot waits until its rate
         permits it to leave, unless `ignore_rates`. One that nobody reads does not leave.
         """
-        store, changed = self._store, self._changed
+        store, changed = self.store, self._changed
         is_read: dict[str, bool] = {}
         with self._lock:
             self._look(slots)
             for route in changed.values():
                 is_read[route.group] = False
         for group in is_read:
-            is_read[group] = self._is_read(group)
+            is_read[group] = self.is_read(group)
         with self._lock:
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             leaving: dict[str, tuple[list[Value], list[Declaration]]] = {}
             for name, route in list(changed.items()):
                 group = route.group
@@ -142,7 +139,7 @@ class Exchange:
 
     def _look(self, slots: Iterable[str]) -> None:
         """Record which slots have changed: any of `slots`, and those of which there is news."""
-        changed, routes, news = self._changed, self._routes, self._store.news
+        changed, routes, news = self._changed, self._routes, self.store.news
         for name in slots:
             route = routes.offered_by(name)
             if route is not None and route.leaves and route.cell.has_news():
@@ -156,7 +153,7 @@ class Exchange:
     def batches_sent(self) -> None:
         """Record that the collected batches were sent."""
         with self._lock:
-            self._store.note()
+            self.store.note()
 
     def _pack(
         self, values: list[Value], declarations: list[Declaration], group: str | None
@@ -174,7 +171,7 @@ class Exchange:
                 names = {value.slot for value in part}
                 leaving = map(naming.leaving, declarations)
                 declared = tuple(d for d in leaving if d.slot in names)
-            head = self._store.host, self._born, number, self._wall_ns()
+            head = self.store.host, self._born, number, self.wall_ns()
             packed.append(encode(Batch(*head, tuple(part), declared)))
             self._traffic.sent += len(packed[-1])
         return packed
@@ -193,12 +190,12 @@ class Exchange:
         readers of a slot would report to each other. But it does so while hosts connect.
         """
         with self._lock:
-            every = self._settings.eager or self._now_ns() < self._announced_ns
+            every = self.settings.eager or self.now_ns() < self._announced_ns
             groups = self._routes.in_order(self._routes.offered if every else self._numbers)
-        read = {group for group in groups if self._is_read(group)}
+        read = {group for group in groups if self.is_read(group)}
         with self._lock:
-            head, name = (self._store.host, self._born), socket.gethostname()[:255]
-            sent_ns = self._wall_ns()
+            head, name = (self.store.host, self._born), socket.gethostname()[:255]
+            sent_ns = self.wall_ns()
             beats = [
                 Packet(group, encode(Heartbeat(*head, self._numbers[group], sent_ns, name)))
                 for group in groups
@@ -216,7 +213,7 @@ class Exchange:
     def connect(self, *, to_router: bool = False) -> None:
         """Announce all, and ask for what is received here, as hosts have just connected."""
         with self._lock:
-            self._announced_ns = self._now_ns() + _ANNOUNCE_NS
+            self._announced_ns = self.now_ns() + _ANNOUNCE_NS
             self.interest.connect(to_router)
 
     def read(self, slots: Iterable[str]) -> set[str]:
@@ -228,12 +225,12 @@ class Exchange:
     def queries(self) -> list[Query]:
         """Make the queries to send now: for new groups to all hosts, for gaps to one each."""
         with self._lock:
-            if self._settings.read_only or not self._settings.enter:
+            if self.settings.read_only or not self.settings.enter:
                 return []
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             found = [Query(EVERY_HOST._replace(group=group), 0, self._query(group)[0])
                      for group in self.interest.take(now_ns)]  # fmt: skip
-            for peer in self._peers.to_query(now_ns, self._wall_ns()):
+            for peer in self._peers.to_query(now_ns, self.wall_ns()):
                 data, known = self._query(peer.source.group)
                 # who pretends to lose messages is not queried all the time
                 self._quotas.account(peer.source.name).charge(now_ns, messages=known)
@@ -253,12 +250,12 @@ class Exchange:
     def _known(self, group: str) -> list[tuple[str, Version]]:
         """List the versions of a group's messages that other hosts may have, too."""
         shared = (
-            (route.wire, self._store.version(route.cell))
+            (route.wire, self.store.version(route.cell))
             for name, route in self._routes.of(group)
             if (route.leaves or route.enters) and name not in self._arrivals.unknown
         )
         known = [(name, version) for name, version in shared if version is not None]
-        self._store.note()
+        self.store.note()
         return known
 
     def reply(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> list[bytes]:
@@ -270,7 +267,7 @@ class Exchange:
         if query is None:
             return []
         with self._lock:
-            known, store, routes = dict(query.known), self._store, self._routes.of(group)
+            known, store, routes = dict(query.known), self.store, self._routes.of(group)
             newer = [
                 route.cell
                 for _, route in routes
@@ -282,7 +279,7 @@ class Exchange:
             store.note()
             parts = self._pack(values, list(map(store.declaration, newer)), None)
             size = sum(map(len, parts))
-            self._quotas.account(name).charge(self._now_ns(), messages=len(routes), size=size)
+            self._quotas.account(name).charge(self.now_ns(), messages=len(routes), size=size)
             return parts
 
     # ---- Receiving --------------------------------------------------------------------------
@@ -293,19 +290,19 @@ class Exchange:
     def receive_batch(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
         """Handle a batch."""
         batch = self._admit(_BATCHES, data, name, "batch")
-        if batch is not None and batch.sender != self._store.host:
+        if batch is not None and batch.sender != self.store.host:
             source = Source(name, batch.sender, group)
             if self._apply(source, batch):
                 with self._lock:
-                    self._peers.receive(source, batch, self._now_ns(), self._wall_ns())
+                    self._peers.receive(source, batch, self.now_ns(), self.wall_ns())
 
     def receive_heartbeat(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
         """Handle a heartbeat."""
         heartbeat = self._admit(_HEARTBEATS, data, name, "heartbeat")
-        if heartbeat is not None and heartbeat.sender != self._store.host:
+        if heartbeat is not None and heartbeat.sender != self.store.host:
             source = Source(name, heartbeat.sender, group)
             with self._lock:
-                self._peers.receive(source, heartbeat, self._now_ns(), self._wall_ns())
+                self._peers.receive(source, heartbeat, self.now_ns(), self.wall_ns())
 
     def receive_reply(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
         """Handle one part of a reply."""
@@ -323,7 +320,7 @@ class Exchange:
             with self._lock:
                 if next(steps, _DONE) is _DONE:
                     return True
-                if account.is_over(self._now_ns()):
+                if account.is_over(self.now_ns()):
                     return False
 
     def end_reply(self, query: Query, *, complete: bool = True) -> None:
@@ -337,7 +334,7 @@ class Exchange:
         """Decode data; return None, counted, if it is malformed or its sender over a rate."""
         with self._lock:
             self._traffic.received += len(data)
-            if not self._quotas.account(name).admits(len(data), self._now_ns()):
+            if not self._quotas.account(name).admits(len(data), self.now_ns()):
                 return None
         try:
             return decoder.decode(data)
@@ -367,9 +364,9 @@ class Exchange:
     def status(self) -> MirrorStatus:
         """Fill in the status; its rates are averages since the last call."""
         with self._lock:
-            arrivals, now_ns = self._arrivals, self._now_ns()
+            arrivals, now_ns = self._arrivals, self.now_ns()
             return MirrorStatus(
-                host=f"{self._store.host:016x}",
+                host=f"{self.store.host:016x}",
                 pid=os.getpid(),
                 slots=sum(route.leaves for _, route in self._routes.of(EVERY_GROUP)),
                 left=self._traffic.left,
@@ -380,9 +377,9 @@ class Exchange:
                 peers=tuple(self._peers.status(now_ns))[:_MAX_LISTED],
                 quotas=tuple(self._quotas.status())[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
-                partition_s=self._settings.guard.partition_s,
-                name=self._settings.as_,
-                fleet=self._settings.fleet,
+                partition_s=self.settings.guard.partition_s,
+                name=self.settings.as_,
+                fleet=self.settings.fleet,
             )
 
 

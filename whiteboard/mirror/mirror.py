@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 
 from llfsm.whiteboard.board import Board
 from llfsm.whiteboard.errors import WhiteboardError
@@ -35,37 +36,38 @@ _ASK_S = 0.25  # between two queries for all, until there is a reply
 _FOREIGN_S = 1.0  # between two hellos while hosts are there with which nothing is exchanged
 
 
+@dataclass(eq=False)
 class Mirror:
     """Mirrors one board, of any kind, until it is closed; hosts find each other by its name.
 
     The id `host` of this one is random by default. For `mode`, see :class:`.Network`.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        settings: Settings,
-        versions: VersionLog,
-        *,
-        host: int | None = None,
-        keeper: Keeper | None = None,
-        mode: str = "peer",
-    ) -> None:
-        host = secrets.randbits(63) if host is None else host
+    board: Board
+    settings: Settings
+    versions: VersionLog
+    _: KW_ONLY
+    host: int = field(default_factory=lambda: secrets.randbits(63))
+    keeper: Keeper | None = None
+    mode: str = "peer"
+
+    def __post_init__(self) -> None:
+        board, host, settings = self.board, self.host, self.settings
         self._naming = Naming(settings.as_, settings.fleet)
-        self._board = board
         self._watch = board.watcher()
         ahead_ns = settings.ahead_ns
         horizon_ns = lambda: time.time_ns() + ahead_ns  # noqa: E731
-        self._store = store = Store(board, host, _wall_ns, versions, horizon_ns)
-        self._network = Network(board.name, host, settings, mode)
+        self._store = store = Store(board, host, _wall_ns, self.versions, horizon_ns)
+        self._network = Network(board.name, host, settings, self.mode)
+        self.listens = self._network.listens
+        """The endpoints where other hosts reach this one."""
         self._exchange = Exchange(
             store, settings, time.monotonic_ns, time.time_ns, self._network.is_read
         )
-        self._keeper = keeper
-        if keeper is not None:
-            keeper.restore(store, self._exchange.refuse)
-        self._eager = settings.eager
+        self.refuse = self._exchange.refuse
+        self.receive_query, self.receive_reply = self._exchange.reply, self._exchange.receive_reply
+        if self.keeper is not None:
+            self.keeper.restore(store, self._exchange.refuse)
         self._hello_s = _HEARTBEAT_S  # from one greeting to the next, which doubles
         self._stop = threading.Event()
         self._replied = threading.Event()
@@ -76,13 +78,13 @@ class Mirror:
         self._offered: set[str] = set()  # slots whose groups were offered when they changed first
         self._begun: dict[str, None] = {}  # groups that other hosts have begun to read
         self._network.join(self)
-        if self._eager:
+        if self.settings.eager:
             self._network.receive({EVERY_GROUP})
 
     def run(self, publish: Callable[[MirrorStatus], None] = lambda _: None) -> None:
         """Mirror until stopped or the board is removed; pass a status to `publish` each second."""
         heartbeat = status = hello = 0.0
-        while not self._stop.is_set() and self._board.alive:
+        while not self._stop.is_set() and self.board.alive:
             now = time.monotonic()
             if now >= heartbeat:
                 heartbeat = now + _HEARTBEAT_S
@@ -118,13 +120,8 @@ class Mirror:
         self._send(self._exchange.collect(changed, ignore_rates=True))
         self._exchange.batches_sent()
         self._keep(changed)
-        if self._keeper is not None:
-            self._keeper.finish(self._store, self._exchange.refuse)
-
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The endpoints where other hosts reach this one."""
-        return self._network.listens
+        if self.keeper is not None:
+            self.keeper.finish(self._store, self._exchange.refuse)
 
     def stop(self) -> None:
         """Have :meth:`run` send what is left and return, soon."""
@@ -148,14 +145,14 @@ class Mirror:
         return most_s if due_ns is None else min(most_s, max(0, due_ns / 1e9 - time.monotonic()))
 
     def _receive_what_is_read(self) -> None:
-        now, readings = time.monotonic(), self._board.readings
+        now, readings = time.monotonic(), self.board.readings
         if readings != self._readings:
             self._hosts = None  # to a new reader, they are published anew
         if readings != self._readings or now >= self._look_s:
             self._readings, self._look_s = readings, now + _READ_S
-            slots = self._board.read_slots()
+            slots = self.board.read_slots()
             self._network.hosts.look(HOSTS.name in slots)
-            if not self._eager:
+            if not self.settings.eager:
                 self._network.receive(self._exchange.read(slots))
                 self._send_queries()
                 if not self._exchange.interest.is_complete:
@@ -166,7 +163,7 @@ class Mirror:
         hosts = self._network.hosts.names
         if hosts is not None and hosts != self._hosts:
             with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
-                self._board.add_message(HOSTS, Hosts(hosts))
+                self.board.add_message(HOSTS, Hosts(hosts))
         self._hosts = hosts
 
     def _offer(self, changed: Sequence[str] = ()) -> None:
@@ -184,14 +181,14 @@ class Mirror:
         if not self._naming.host:
             return
         with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
-            names = [info.name for info in self._board.slots() if self._leaves(info.name)]
+            names = [info.name for info in self.board.slots() if self._leaves(info.name)]
             own = (self._naming.wire(name) for name in names if self._naming.is_own(name))
             folders = {wire.rpartition("/")[0] for wire in own if wire is not None}
-            self._board.add_message(folders_slot(), Folders(tuple(sorted(folders))))
+            self.board.add_message(folders_slot(), Folders(tuple(sorted(folders))))
 
     def _keep(self, changed: list[str]) -> None:
-        if self._keeper is not None:
-            self._keeper.follow(changed, self._store, time.monotonic(), self._exchange.refuse)
+        if self.keeper is not None:
+            self.keeper.follow(changed, self._store, time.monotonic(), self._exchange.refuse)
 
     def _send(self, batches: list[Packet]) -> bool:
         for packet in batches:
@@ -205,10 +202,6 @@ class Mirror:
     def _send_queries(self) -> None:
         for query in self._exchange.queries():
             self._network.send_query(query)
-
-    def refuse(self, what: str, why: str) -> None:
-        """Count something that the network has refused, under `what`; log the first with `why`."""
-        self._exchange.refuse(what, why)
 
     def refusals(self) -> list[str]:
         """List the kinds of what was refused, the most frequent first."""
@@ -239,14 +232,6 @@ class Mirror:
         handle = exchange.receive_heartbeat if is_beat else exchange.receive_batch
         handle(data, name, group)
         self._send_queries()
-
-    def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:
-        """Return the reply to a query, in parts."""
-        return self._exchange.reply(data, name, group)
-
-    def receive_reply(self, data: bytes, name: str, group: str) -> None:
-        """Handle one part of a reply."""
-        self._exchange.receive_reply(data, name, group)
 
     def end_reply(self, query: Query, *, complete: bool) -> None:
         """Handle the end of a reply."""

@@ -21,6 +21,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -86,6 +87,7 @@ class Receiver(Protocol):
         """Count something that was refused."""
 
 
+@dataclass(eq=False)
 class Network:
     """The hosts of one board, as a Zenoh session reaches them.
 
@@ -94,16 +96,15 @@ class Network:
     for `reply_s`. Raise :class:`.NetworkError` if Zenoh is not installed or opens no session.
     """
 
-    def __init__(
-        self,
-        board: str,
-        host: int,
-        settings: Settings,
-        mode: str = "peer",
-        *,
-        connect_s: float = 3.0,
-        reply_s: float = 5.0,
-    ) -> None:
+    board: str
+    host: int
+    settings: Settings
+    mode: str = "peer"
+    connect_s: float = 3.0
+    reply_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        settings, is_client = self.settings, self.mode == "client"
         use_few_threads()
         try:
             import zenoh
@@ -112,15 +113,13 @@ class Network:
                 "Zenoh is not installed; install llfsm with it: pip install 'llfsm[hosts]'"
             ) from error
         self._access = settings.access
-        self._reply_s = reply_s
-        config = configure(settings, mode)
-        self._board = board
-        self._keys = Keys(board, host, certificate_name(config))
+        config = configure(settings, self.mode)
+        self._keys = Keys(self.board, self.host, certificate_name(config))
         self.listens = endpoints(config, "listen")
         """The endpoints where other hosts reach this one."""
         before = listeners()
         try:
-            self._session: Any = open_session(config, connect_s if mode == "client" else math.inf)
+            self._session: Any = open_session(config, self.connect_s if is_client else math.inf)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
             raise NetworkError(f"cannot open {where}: {error_text(error)}") from error
@@ -228,10 +227,10 @@ class Network:
 
     def _receive_hello(self, key: str, _: bytes) -> None:
         version, board = version_in(key), board_in(key)
-        if board != self._board:
+        if board != self.board:
             self._receiver.refuse(
                 f"a host of another board, {board!r}",
-                f"this one mirrors {self._board!r}; only boards of one name are mirrored",
+                f"this one mirrors {self.board!r}; only boards of one name are mirrored",
             )
         elif version != str(VERSION):
             self._receiver.refuse(
@@ -301,7 +300,7 @@ class Network:
             payload=query.data,
             target=QueryTarget.ALL,
             allowed_destination=Locality.REMOTE,
-            timeout=_ALL_TIMEOUT_S if of_all else self._reply_s,
+            timeout=_ALL_TIMEOUT_S if of_all else self.reply_s,
             consolidation=ConsolidationMode.NONE,  # otherwise only the last part arrives
         )
 

@@ -16,7 +16,7 @@ that no sender can fill the log.
 from __future__ import annotations
 
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 
 from llfsm.whiteboard.messages.llfsm import QuotaStatus, Refusal
@@ -108,14 +108,11 @@ class Quotas:
 
     def __init__(self, settings: QuotaSettings) -> None:
         self._settings = settings
-        self._accounts: dict[str, Account] = {}
+        self._accounts = defaultdict[str, Account](lambda: Account(settings))
 
     def account(self, name: str) -> Account:
         """Return the account of a host."""
-        account = self._accounts.get(name)
-        if account is None:
-            account = self._accounts[name] = Account(self._settings)
-        return account
+        return self._accounts[name]
 
     def status(self) -> Iterator[QuotaStatus]:
         """Report how much of its quota each host has taken."""

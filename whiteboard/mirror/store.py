@@ -27,6 +27,7 @@ import secrets
 import struct
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,7 @@ class Cell:
         return self.bound.count != self.count
 
 
+@dataclass(eq=False)
 class Store:
     """A board whose messages have versions. Hold `lock` to use it; anyone may add to the board.
 
@@ -85,22 +87,16 @@ class Store:
     latest time that a version may have now: a message with a later one gets a new version.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        host: int,
-        wall_ns: Callable[[int], int],
-        versions: VersionLog,
-        horizon_ns: Callable[[], int],
-    ) -> None:
+    board: Board
+    host: int
+    wall_ns: Callable[[int], int]
+    versions: VersionLog
+    horizon_ns: Callable[[], int]
+
+    def __post_init__(self) -> None:
         self.lock = threading.Lock()
-        self.board = board
-        self.host = host
         self.news: dict[str, None] = {}
         """Slots in which a message of this host was found, in that order; cleared by the caller."""
-        self._wall_ns = wall_ns
-        self._horizon_ns = horizon_ns
-        self._versions = versions
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
         self._pending: list[tuple[str, int, int, Version]] = []
@@ -141,18 +137,18 @@ class Store:
 
     def _is_credible(self, version: Version | None) -> bool:
         """Check that a version is not too far ahead of the clock."""
-        return version is None or version.time <= self._horizon_ns()
+        return version is None or version.time <= self.horizon_ns()
 
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
         """Return the version of message number `count`; assign one if it has no credible one."""
         before, known, name = cell.version, None, cell.slot.name
         if before is None:
-            known, before = self._versions.recall(name, count, writer)
+            known, before = self.versions.recall(name, count, writer)
             known = known if self._is_credible(known) else None
         elif count == cell.count and self._is_credible(before):
             return before
         if known is None:
-            wall_ns = self._wall_ns(stamp_ns)
+            wall_ns = self.wall_ns(stamp_ns)
             if before is not None and before.time >= wall_ns and not self._is_credible(before):
                 before = None
             known = succeed(before, wall_ns, self.host)
@@ -169,7 +165,7 @@ class Store:
         one assigns the same versions again, from the same stamps.
         """
         for assigned in self._pending:
-            self._versions.note(*assigned)
+            self.versions.note(*assigned)
         self._pending.clear()
 
     def declare(self, declaration: Declaration) -> None:
@@ -220,7 +216,7 @@ class Store:
                 self.note()
             # Stored before the add: if the daemon is killed in between, the entry's number and
             # writer match no message.
-            self._versions.note(value.slot, cell.count + 1, self._pid, version)
+            self.versions.note(value.slot, cell.count + 1, self._pid, version)
             count = cell.bound.add_after(message, cell.count)
             if count:
                 cell.count, cell.version = count, version

@@ -21,11 +21,11 @@ import os
 import signal
 import sys
 import threading
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 
 from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reversing.checkpoints import Checkpoint, Checkpoints
@@ -45,6 +45,7 @@ from llfsm.bridges.recording.reversing.worker import (
     start_origin,
 )
 from llfsm.runtime.worker import LinkClosedError, call
+from llfsm.whiteboard.closing import ClosedOnExit
 
 if TYPE_CHECKING:
     from llfsm.bridges.recording.rerun import Rerun
@@ -55,7 +56,7 @@ _SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER, of <linux/prctl.h>
 
 
 @dataclass(eq=False)
-class Client(ABC):
+class Client(ClosedOnExit):
     """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are.
 
     `read_line` returns a line of standard input for machines' code in another process.
@@ -67,12 +68,6 @@ class Client(ABC):
     serve: Serve
     read_line: Callable[[], str] = lambda: ""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     @abstractmethod
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Call a method of the object; return its result, or raise here what it raises.
@@ -80,22 +75,6 @@ class Client(ABC):
         A method that lets machines go on may not return where they are in another process: then
         the answer is that of `then`, once they are paused again.
         """
-
-    @abstractmethod
-    def close(self) -> None:
-        """End the machines; closing twice is fine."""
-
-
-def start_client(
-    make: Callable[[], Rerun],
-    library: Mapping[str, type[Machine]],
-    begin_ns: int,
-    serve: Serve,
-    read_line: Callable[[], str] = lambda: "",
-) -> Client:
-    """Start the client for this system; the arguments are as for `Client`."""
-    kind = ForkingClient if sys.platform == "linux" else LocalClient
-    return kind(make, library, begin_ns, serve, read_line)
 
 
 class LocalClient(Client):
@@ -312,6 +291,10 @@ class ForkingClient(Client):
             yield
         finally:
             signal.signal(signal.SIGINT, before)
+
+
+start_client: type[Client] = ForkingClient if sys.platform == "linux" else LocalClient
+"""Starts the client for this system."""
 
 
 def _adopt_orphans(*, is_on: bool) -> None:

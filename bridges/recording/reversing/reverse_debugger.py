@@ -21,6 +21,7 @@ from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from operator import attrgetter
 from types import FunctionType
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
@@ -216,6 +217,10 @@ class Jump(NamedTuple):
         return Goal(self.why, lambda _: debugger.time_ns > after_ns)
 
 
+_START = Jump("start")
+
+
+@dataclass(eq=False)
 class ReverseDebugger:
     """Debug the machines of a recording, which `make` arranges anew, at any of its moments.
 
@@ -223,23 +228,19 @@ class ReverseDebugger:
     move return as `wait` does. Leaving the ``with`` block ends the thread of the machines.
     """
 
-    def __init__(
-        self,
-        make: Callable[[], Rerun],
-        library: Mapping[str, type[Machine]],
-        begin_ns: int,
-        jump: Jump = Jump("start"),  # noqa: B008  # it cannot change
-    ):
-        self._make = make
-        self._begin_ns = begin_ns
-        self.library = library
+    make: Callable[[], Rerun]
+    library: Mapping[str, type[Machine]]
+    begin_ns: int
+    jump: Jump = _START
+
+    def __post_init__(self) -> None:
         self._thread = threading.Thread()
         self._error: Exception | None = None
         self.end = ""
         """Why there is no moment after this one; "" if there is."""
         self.difference = ""
         """What the machines do differently at this moment; "" if they act as recorded."""
-        self._begin(jump)
+        self._begin(self.jump)
 
     def __enter__(self) -> Self:
         return self
@@ -255,7 +256,7 @@ class ReverseDebugger:
     @property
     def now_s(self) -> float:
         """The seconds at this moment."""
-        return (self.debugger.time_ns - self._begin_ns) / 1e9
+        return (self.debugger.time_ns - self.begin_ns) / 1e9
 
     def wait(self) -> str:
         """Wait until the machines are paused, and return why; "" at the end.
@@ -305,7 +306,7 @@ class ReverseDebugger:
 
     def goto(self, seconds: float) -> str:
         """Go to the first moment at or after that time, in seconds since the beginning."""
-        return self.go_past(self._begin_ns + round(seconds * 1e9) - 1)
+        return self.go_past(self.begin_ns + round(seconds * 1e9) - 1)
 
     def go_past(self, time_ns: int) -> str:
         """Go to the first moment after that time, by the recording's clock."""
@@ -375,7 +376,7 @@ class ReverseDebugger:
     def _arrange(self, jump: Jump) -> Rerun:
         """Arrange the machines, to run from the beginning."""
         self._error, self.end, self.difference = None, "", ""
-        rerun = self._make()
+        rerun = self.make()
         self.arrangement = rerun.arrangement
         self.debugger = debugger = self._debugger_of(rerun, jump.since)
         debugger.break_at(*jump.breakpoints, library=self.library)

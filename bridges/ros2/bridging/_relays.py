@@ -256,42 +256,32 @@ def _undecoded(count: int) -> Sample[Any]:
 HISTORY_S = 1.0  # that a latched topic has to deliver what it has kept
 
 
+@dataclass(eq=False)
 class ToRos(Generic[M]):
     """Publishes each change that it sees of a slot.
 
     What is on the slot already is not published unless ``latched``: a command from yesterday must
     not move a robot. In both directions ROS has a second to deliver the history that it has kept;
-    else each side might end with what the other one had.
+    else each side might end with what the other one had. What is the latest ``arrival`` is
+    published as it came.
     """
 
-    def __init__(
-        self,
-        slot: BoundSlot[M],
-        publisher: Publisher[M],
-        link: BridgeLink,
-        *,
-        settings: RelaySettings | None = None,
-        latched: bool = False,
-        echo: EchoFilter[M] | None = None,
-        arrival: LatestArrival[M] | None = None,
-    ) -> None:
-        """Begin to publish, as ``settings`` allow.
+    slot: BoundSlot[M]
+    publisher: Publisher[M]
+    link: BridgeLink
+    settings: RelaySettings = field(default_factory=RelaySettings)
+    latched: bool = False
+    echo: EchoFilter[M] | None = None
+    arrival: LatestArrival[M] | None = None
 
-        ``latched`` and with an ``echo``, it begins after a second. What is the latest
-        ``arrival`` is published as it came.
-        """
-        self.slot = slot
-        self._publisher = publisher
-        self._link = link
-        self._echo = echo
-        self._settings = settings or RelaySettings()
-        self._begin = time.monotonic() + (HISTORY_S if latched and echo else 0.0)
+    def __post_init__(self) -> None:
+        slot = self.slot
+        self._begin = time.monotonic() + (HISTORY_S if self.latched and self.echo else 0.0)
         self._over = threading.Event()
-        self._arrival = arrival
-        self._seen = 0 if latched else slot.count
+        self._seen = 0 if self.latched else slot.count
         self._ahead = 0  # the number of a message that was read instead of an older one
         # Of what came from ROS, perhaps, the number is enough: most of it is not to be decoded.
-        followed = slot if arrival is None and echo is None else _Undecoded(slot)
+        followed = slot if self.arrival is None and self.echo is None else _Undecoded(slot)
         self._subscription = Subscription(
             followed, self._relay, after=self._seen, backlog=1, on_error=self._failed
         )
@@ -329,19 +319,19 @@ class ToRos(Generic[M]):
         try:
             self._pass_on(newer)
         finally:
-            if period := self._settings.period:
+            if period := self.settings.period:
                 self._over.wait(begun + period - time.monotonic())
 
     def _pass_on(self, newer: Sample[Any]) -> None:
         count = newer.count
-        if not self._settings.enabled or not (self._echo is None or self._echo.is_news(count)):
+        if not self.settings.enabled or not (self.echo is None or self.echo.is_news(count)):
             return
-        arrival = None if self._arrival is None else self._arrival.get(count)
+        arrival = None if self.arrival is None else self.arrival.get(count)
         if arrival is not None:
-            self._publisher.forward(arrival)
+            self.publisher.forward(arrival)
         elif not self._publish(newer):
             return
-        self._link.count()
+        self.link.count()
 
     def _publish(self, newer: Sample[Any]) -> bool:
         """Publish a message, or a newer one if it is not decoded yet, if ROS needs it."""
@@ -350,16 +340,16 @@ class ToRos(Generic[M]):
             return False
         if sample.count != newer.count:
             self._ahead = sample.count
-        if self._echo is not None:
-            if not self._echo.is_news(sample.count):
+        if self.echo is not None:
+            if not self.echo.is_news(sample.count):
                 return False
-            self._echo.publishing(sample.message)
-        self._publisher.publish(sample.message)
+            self.echo.publishing(sample.message)
+        self.publisher.publish(sample.message)
         return True
 
     def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
-            self._link.count_fault(error)
+            self.link.count_fault(error)
         return True
 
 

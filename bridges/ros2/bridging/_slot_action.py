@@ -163,9 +163,7 @@ class SlotActionClient(SlotAction):
     """Sends the goals of a slot, and follows the newest.
 
     A goal from before the bridge started may or may not have been carried out: it is refused, so
-    that nothing is done twice, and aborted if it was accepted. A goal that nobody can follow any
-    more is canceled: one whose acceptance came too late, the active one when the bridge ends, and
-    that of a machine whose last will, which was executed, cancels it.
+    that nothing is done twice, and aborted if it was accepted.
     """
 
     def __init__(self, place: ActionPlace) -> None:
@@ -379,8 +377,7 @@ class SlotActionServer(SlotAction):
 
     The machine accepts by a status with the goal's number, or refuses by REFUSED; without either
     within ``timeout`` seconds the goal is refused. A message with number 0 is for whichever goal
-    there is. A goal that nobody waits for any more is canceled: one that was answered too late, the
-    active one when the bridge ends, and that of a bridge that was lost.
+    there is.
     """
 
     def __init__(self, place: ActionPlace, now_ns: Callable[[], int]) -> None:

@@ -2,7 +2,8 @@
 
 A slot shows one request, so both ends work at one request at a time: a client's calls are made one
 after the other, a server's requests wait in a queue. What is on the slots when a bridge starts is
-from another bridge, and answered with a failure, so that nothing is done twice.
+from another bridge, and may have been carried out: it is answered with a failure, so that nothing
+is done twice.
 """
 
 from __future__ import annotations
@@ -24,11 +25,7 @@ from llfsm.whiteboard.subscription import POLL_S, Cursor
 
 @dataclass(eq=False)
 class SlotClient:
-    """Calls a service for the requests in a slot, one call at a time.
-
-    A request from before the bridge started may or may not have been carried out: it is answered
-    with a failure, so that nothing is done twice.
-    """
+    """Calls a service for the requests in a slot, one call at a time."""
 
     board: Board
     slots: ServiceSlots

@@ -7,7 +7,7 @@ message for the slot of its key; otherwise the whole message is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
@@ -141,6 +141,13 @@ class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     turtle_position: PositionConfig | None = None
 
 
+_OF_TURTLE: tuple[tuple[str, str, Direction], ...] = (
+    ("cmd_vel", "geometry_msgs/msg/Twist", "to_ros"),
+    ("pose", "turtlesim/msg/Pose", "from_ros"),
+    ("color_sensor", "turtlesim/msg/Color", "from_ros"),
+)
+
+
 def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
     """Make the configuration with which machines drive turtles of turtlesim_node.
 
@@ -149,21 +156,12 @@ def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
     return BridgeConfig(
         node="llfsm_turtlesim_bridge",
         relay=(
-            *_turtles(turtles),
+            *(
+                RelayConfig(slot=f"{name}/{what}", type=kind, direction=direction)
+                for name in turtles
+                for what, kind, direction in _OF_TURTLE
+            ),
             RelayConfig(slot="pinpong", type="std_msgs/msg/String", direction="to_ros"),
         ),
         turtle_position=PositionConfig(pose=f"{turtles[0]}/pose"),
     )
-
-
-def _turtles(names: Iterable[str]) -> list[RelayConfig]:
-    each: list[tuple[str, str, Direction]] = [
-        ("cmd_vel", "geometry_msgs/msg/Twist", "to_ros"),
-        ("pose", "turtlesim/msg/Pose", "from_ros"),
-        ("color_sensor", "turtlesim/msg/Color", "from_ros"),
-    ]
-    return [
-        RelayConfig(slot=f"{name}/{what}", type=kind, direction=direction)
-        for name in names
-        for what, kind, direction in each
-    ]

@@ -170,9 +170,9 @@ class _Planner:
     def plan(self) -> BridgePlan:
         config = self._config
         relays = self._each("relay", config.relay, self._relay)
-        clients = self._each("client", config.client, self._client)
-        servers = self._each("server", config.server, self._server)
-        actions = self._each("action", config.action, self._action)
+        clients = self._each("client", config.client, self._through_slots)
+        servers = self._each("server", config.server, self._through_slots)
+        actions = self._each("action", config.action, self._through_slots)
         position = self._position()
         self._check_pairs(relays)
         self._check_loops(relays)
@@ -256,30 +256,19 @@ class _Planner:
             raise KeyPathError('`keyed_by` is for relays with direction = "from_ros"')
         return KeyPath(config.keyed_by, of.message)
 
-    def _client(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
-        full, find = self._node.full_service, self._library.service
-        return self._through_slots(config, where, "service", full, find, service_slots)
-
-    def _server(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
-        plan = self._client(config, where)
-        return None if plan is None else plan._replace(serve=True)
-
-    def _action(self, config: ActionConfig, where: _Where) -> ServicePlan | None:
-        full, find = self._node.full, self._library.action
-        plan = self._through_slots(config, where, "action", full, find, action_slots)
-        return None if plan is None else plan._replace(serve=config.role == "server")
-
     def _through_slots(
-        self,
-        config: ServiceConfig | ActionConfig,
-        where: _Where,
-        key: str,
-        full: Callable[[str], str],
-        find: Callable[[str], Any],
-        make: Callable[[str, Any, int | None], Any],
+        self, config: ServiceConfig | ActionConfig, where: _Where
     ) -> ServicePlan | None:
-        name = getattr(config, key)
-        full_name = of = slots = None
+        full_name = slots = None
+        of: Any = None
+        find: Callable[[str], Any]
+        make: Callable[[str, Any, int | None], Any]
+        if isinstance(config, ActionConfig):
+            key, name, serve = "action", config.action, config.role == "server"
+            full, find, make = self._node.full, self._library.action, action_slots
+        else:
+            key, name, serve = "service", config.service, where[0] == "server"
+            full, find, make = self._node.full_service, self._library.service, service_slots
         with self._at(*where, key):
             full_name = full(name)
         with self._at(*where, "type"):
@@ -292,7 +281,7 @@ class _Planner:
                     self._check_capacity(slot, config.capacity, where)
         if full_name is None or slots is None:
             return None
-        return ServicePlan(slots, name, full_name, config.timeout, serve=False)
+        return ServicePlan(slots, name, full_name, config.timeout, serve)
 
     def _position(self) -> PositionPlan | None:
         config = self._config.turtle_position

@@ -13,6 +13,7 @@ import logging
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from queue import SimpleQueue
 
 from llfsm.bridges.ros2.lifecycle import LifecycleServer, LifecycleState, WorkOutcome
@@ -28,6 +29,7 @@ _LOOK_S = 0.005
 _SIGNALS = ("SIGINT", "SIGTERM")
 
 
+@dataclass(eq=False)
 class ManagedMachines:
     """Serves a node's lifecycle; :meth:`run` is for the main thread.
 
@@ -35,16 +37,12 @@ class ManagedMachines:
     on a thread of their own, which waits for ``patience_s`` for the machines' next turns.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        load: Callable[[], Arrangement],
-        *,
-        patience_s: float = 5.0,
-    ) -> None:
-        self._load = load
-        self._patience_s = patience_s
+    node: Node
+    types: TypeLibrary
+    load: Callable[[], Arrangement]
+    patience_s: float = 5.0
+
+    def __post_init__(self) -> None:
         self._loaded: Arrangement | None = None
         self._run: _Run | None = None
         self._to_run: SimpleQueue[_Run | None] = SimpleQueue()
@@ -59,7 +57,7 @@ class ManagedMachines:
             LifecycleState.ERRORPROCESSING: self._clean_up,
         }
         self.server = LifecycleServer(
-            node, types, self._thread.call_soon, lambda state: self._work[state]()
+            self.node, self.types, self._thread.call_soon, lambda state: self._work[state]()
         )
 
     def run(self) -> None:
@@ -84,7 +82,7 @@ class ManagedMachines:
 
     def _configure(self) -> WorkOutcome:
         try:
-            self._loaded = self._load()
+            self._loaded = self.load()
         except LlfsmError as error:
             _LOG.error("not configured: %s", error)
             return WorkOutcome.FAILURE
@@ -111,7 +109,7 @@ class ManagedMachines:
         assert self._loaded is not None
         assert self._run is not None
         held = [name for name in _names(self._loaded) if self._loaded.control.is_running(name)]
-        looks = round(self._patience_s / _LOOK_S)
+        looks = round(self.patience_s / _LOOK_S)
         while not self._run.over.wait(_LOOK_S) and looks:
             looks -= 1
             left = [name for name in _names(self._loaded) if _runs(self._loaded, name)]
@@ -136,7 +134,7 @@ class ManagedMachines:
             arrangement.end(Reason.CLOSED)
             return WorkOutcome.SUCCESS
         arrangement.stop("the node is cleaned up")
-        if self._run.over.wait(self._patience_s):
+        if self._run.over.wait(self.patience_s):
             return WorkOutcome.SUCCESS
         _LOG.error("the machines do not end")
         return WorkOutcome.ERROR

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan
@@ -11,13 +11,14 @@ from llfsm.bridges.ros2.graph import Graph, Role
 from llfsm.bridges.ros2.transport import Publisher, Transport
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Board, Whiteboard
+from llfsm.whiteboard.closing import ClosedOnExit
 
 if TYPE_CHECKING:
     from llfsm.runtime import Clock
     from llfsm.runtime.journal.handover import Handover
 
 
-class RosEnvironment(LiveEnvironment):
+class RosEnvironment(ClosedOnExit, LiveEnvironment):
     """Sensors read topics and actuators publish on them, by a bridge in the machines' process.
 
     The bridge is the same as one in another process, but for the board: without one, the slots are
@@ -69,12 +70,6 @@ class RosEnvironment(LiveEnvironment):
             )
 
         return self._transport.wait_graph(subscribed, timeout)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Publish what was posted last, and take the node off the graph."""

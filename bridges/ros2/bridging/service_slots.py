@@ -142,17 +142,11 @@ def _longest(node: mi.Type) -> int | None:
 
 
 class ServiceSlots(NamedTuple):
-    """The two slots of a service.
-
-    Attributes:
-        request: its messages have ``number`` and the fields of the service's request.
-        answer: its messages have ``number``, the fields of the response, and ``failure``, which
-            is the reason why there is no response, or empty.
-
-    """
+    """The two slots of a service: their messages have ``number`` and the fields of ROS's."""
 
     request: Slot[Any]
     answer: Slot[Any]
+    """With ``failure``, too: the reason why there is no response, or empty."""
     of: RosService
 
     def failed(self, number: int, why: str) -> Message:
@@ -200,23 +194,14 @@ def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
 
 
 class ActionSlots(NamedTuple):
-    """The five slots of an action.
-
-    Attributes:
-        goal: its messages have ``number`` and the fields of the action's goal.
-        cancel: :class:`.CancelGoal`.
-        status: :class:`.GoalStanding`.
-        feedback: ``number`` and the fields of the feedback.
-        result: ``number``, the fields of the result, ``status``, and ``failure``, the reason if
-            the server did not end it, or empty.
-
-    """
+    """The five slots of an action: their messages have ``number``, and the fields of ROS's."""
 
     goal: Slot[Any]
     cancel: Slot[CancelGoal]
     status: Slot[GoalStanding]
     feedback: Slot[Any]
     result: Slot[Any]
+    """With ``status``, and ``failure``: the reason if the server did not end it, or empty."""
     of: RosAction
 
     def failed(self, number: int, status: GoalStatus, why: str) -> Message:

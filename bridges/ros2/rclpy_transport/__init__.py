@@ -1,7 +1,4 @@
 """ROS 2 through rclpy, where a ROS environment is sourced: any middleware that it has.
 
-api         the part of rclpy that is used, imported late
-context     rclpy's context, the executor's thread, and the graph
-endpoints   publishers, subscriptions, clients and servers
-transport   all of it as a transport
+Read in this order: `api` (what is used of rclpy), `context`, `endpoints`, `transport`.
 """

@@ -58,12 +58,8 @@ class GeneratedFunction:
     def assign(self, expression: str) -> str:
         """Assign an expression to a new variable, and return its name."""
         target = self.new()
-        self.emit(f"{target} = {expression}")
+        self.lines.append(f"{target} = {expression}")
         return target
-
-    def emit(self, line: str) -> None:
-        """Append a line."""
-        self.lines.append(line)
 
     def named(self, value: Any) -> str:
         """Name a new global with that value."""
@@ -178,7 +174,7 @@ class _EncodingFunction(GeneratedFunction):
         python = "bytes" if kind.is_bytes else "tuple"
         wrong = {Shape.ARRAY: "!=", Shape.BOUNDED: ">"}.get(kind.shape)
         size = f" or len({value}) {wrong} {kind.size}" if wrong else ""
-        self.emit(f"if type({value}) is not {python}{size}: raise UnwritableError")
+        self.lines.append(f"if type({value}) is not {python}{size}: raise UnwritableError")
         if kind.shape is not Shape.ARRAY:
             self.add(Item("I", 4, 4), f"len({value})")
         self.flush()
@@ -194,7 +190,7 @@ class _EncodingFunction(GeneratedFunction):
 
     def _text(self, kind: FieldType, value: str) -> None:
         if kind.bound:
-            self.emit(f"if len({value}) > {kind.bound}: raise UnwritableError")
+            self.lines.append(f"if len({value}) > {kind.bound}: raise UnwritableError")
         if kind.base == "wstring":
             raw = self.assign(f'{value}.encode("utf-16-le")')
             self.add(Item("I", 4, 4), f"len({raw}) // 2")
@@ -236,7 +232,9 @@ class _EncodingFunction(GeneratedFunction):
             return
         self.put()
         one, end = self.new(), self.assign(self.offset)
-        self.emit(f"for {one} in {value}: {end} = {self._function(record)}({one}, {end}, put)")
+        self.lines.append(
+            f"for {one} in {value}: {end} = {self._function(record)}({one}, {end}, put)"
+        )
         self._offset, self._at = [end], At()
 
     def _row(self, kind: FieldType, value: str, row: str, size: int, align: int) -> None:
@@ -386,12 +384,12 @@ class _DecodingFunction(GeneratedFunction):
         targets = "".join(f"{target}, " for target in self._targets)
         if len(structs) == 1:
             call = f"{self.named(structs[0].unpack_from)}(data, {self.offset})"
-            self.emit(f"{targets}= {call}" if targets else call)
+            self.lines.append(f"{targets}= {call}" if targets else call)
             self._distance += structs[0].size
         else:
             layout = self.assign(f"{self.named(structs)}[{self.offset} & 7]")
             call = f"{layout}.unpack_from(data, {self.offset})"
-            self.emit(f"{targets}= {call}" if targets else call)
+            self.lines.append(f"{targets}= {call}" if targets else call)
             self._reach(self.assign(f"{self.offset} + {layout}.size"))
         self._at, self._batch, self._targets = end, [], []
 
@@ -420,7 +418,7 @@ class _DecodingFunction(GeneratedFunction):
             count = self.add(Item("I", 4, 4))
             self.flush()
             if kind.size:
-                self.emit(f"if {count} > {kind.size}: raise UnreadableError")
+                self.lines.append(f"if {count} > {kind.size}: raise UnreadableError")
         if record is not None:
             return self._messages(record, count)
         if kind.is_text:
@@ -437,13 +435,13 @@ class _DecodingFunction(GeneratedFunction):
             self._at = At(4, 0)
         else:
             end = self.assign(f"{start} + {count}")
-            self.emit(f"if data[{end} - 1]: raise UnreadableError")
+            self.lines.append(f"if data[{end} - 1]: raise UnreadableError")
             self._reach(end)
             self._at = At()
             value = f"data[{start}:{end} - 1].decode()"
         if kind.bound:
             value = self.assign(value)
-            self.emit(f"if len({value}) > {kind.bound}: raise UnreadableError")
+            self.lines.append(f"if len({value}) > {kind.bound}: raise UnreadableError")
         return value
 
     def _texts(self, kind: FieldType, count: str) -> str:
@@ -451,7 +449,7 @@ class _DecodingFunction(GeneratedFunction):
         reader, how = ("read_wide_texts", repr(self._order)) if wide else ("read_texts", "length")
         value, end = self.new(), self.new()
         call = f"{reader}(data, {self.offset}, {count}, {kind.bound}, {how})"
-        self.emit(f"{value}, {end} = {call}")
+        self.lines.append(f"{value}, {end} = {call}")
         self._reach(end)
         self._at = At(4, 0) if wide else At()
         return value
@@ -483,9 +481,9 @@ class _DecodingFunction(GeneratedFunction):
             row = self.named(Struct(self._order + codes).iter_unpack)
             return self.assign(f"tuple([{value} for {targets} in {row}(data[{start}:{end}])])")
         one, found, end = self.new(), self.assign("[]"), self.assign(self.offset)
-        self.emit(f"for _ in range({count}):")
-        self.emit(f" {one}, {end} = {self._function(record)}(data, {end}, size)")
-        self.emit(f" {found}.append({one})")
+        self.lines.append(f"for _ in range({count}):")
+        self.lines.append(f" {one}, {end} = {self._function(record)}(data, {end}, size)")
+        self.lines.append(f" {found}.append({one})")
         self._reach(end)
         self._at = At()
         return f"tuple({found})"
@@ -506,7 +504,7 @@ class _DecodingFunction(GeneratedFunction):
             start = self.assign(f"{self.offset} + ({missing} if {count} else 0)")
             self._at = self._at.either(_rows(At(align, HEADER % align), size))
         end = self.assign(f"{start} + {count} * {size}")
-        self.emit(f"if {end} > size: raise UnreadableError")
+        self.lines.append(f"if {end} > size: raise UnreadableError")
         self._reach(end)
         return start, end
 

@@ -31,23 +31,16 @@ from llfsm.whiteboard.schema import describe, differences
 class RosMessage(Generic[M]):
     """One message type; requests, responses, goals and so on are message types, too.
 
-    Attributes:
-        name: as ``geometry_msgs/msg/Twist`` or ``turtlesim/srv/Spawn_Request``.
-        message: the class, whose fields have their ROS names (a Python keyword with an underscore
-            behind it).
-        encode: turns a message into bytes: CDR, little-endian, header included. A float32 is
-            rounded to the nearest; NaN and infinities are kept.
-        decode: turns bytes of either order into a message. Up to three bytes of padding may follow.
-
-    Both raise :class:`.CdrError` that names the field, for any wrong bytes or values.
-
+    Its codec raises :class:`.CdrError` that names the field, for any wrong bytes or values.
     """
 
     def __init__(
         self, definition: Definition, message: type[M], find: Callable[[str], Definition]
     ) -> None:
         self.name = definition.name
+        """As ``geometry_msgs/msg/Twist`` or ``turtlesim/srv/Spawn_Request``."""
         self.message = message
+        """Has the fields' ROS names (a Python keyword with an underscore behind it)."""
         self._definition = definition
         self._find = find
 
@@ -56,13 +49,16 @@ class RosMessage(Generic[M]):
 
     @cached_property
     def encode(self) -> Callable[[M], bytes]:
-        """The function that turns a message into bytes."""
+        """Turns a message into bytes: CDR, little-endian, header included.
+
+        A float32 is rounded to the nearest; NaN and infinities are kept.
+        """
         record = self._record
         return compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
 
     @cached_property
     def decode(self) -> Callable[[bytes | memoryview], M]:
-        """The function that turns bytes into a message."""
+        """Turns bytes of either order into a message; up to three of padding may follow."""
         decode = compile_decoder(self._record, "<", lambda d: self._big_endian(d), self._explain)
         return cast("Callable[[bytes | memoryview], M]", decode)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
@@ -75,6 +75,8 @@ class Connection(NamedTuple):
     """Changes of the graph and of the connection."""
     answers: TimerThread
     """Results of calls, on a thread of their own: callbacks of one may wait for another."""
+    numbers: Iterator[int]
+    """Of nodes and their endpoints, each used once."""
 
 
 class Place(NamedTuple):

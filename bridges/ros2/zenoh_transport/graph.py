@@ -83,11 +83,6 @@ def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
     return f"{domain}/{name.strip('/')}/{dds_type}/{type_hash}"
 
 
-def domain_tokens(domain: int) -> str:
-    """Make the key expression of all tokens of a domain."""
-    return f"{_ROOT}/{domain}/**"
-
-
 def node_token(
     domain: int, session: str, number: int, namespace: str, node: str, enclave: str = ""
 ) -> str:
@@ -239,7 +234,7 @@ class Discovery:
         self._changed = threading.Condition()
         self._over = False
         self._subscriber: zenoh.Subscriber[Any] = session.liveliness().declare_subscriber(
-            domain_tokens(domain), hand_over(self._on_token, events), history=True
+            f"{_ROOT}/{domain}/**", hand_over(self._on_token, events), history=True
         )
 
     def close(self) -> None:

@@ -8,12 +8,12 @@ base file, ``ZENOH_CONFIG_OVERRIDE`` is ``path=value;path=value``, values in JSO
 from __future__ import annotations
 
 import atexit
-import itertools
 import json
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 import zenoh
@@ -140,11 +140,10 @@ class ZenohTransport(Transport):
         self._notifier = Notifier(notify)
         self._session, self._router = open_node_session(router)
         self._session_id = str(self._session.zid())
-        self._numbers = itertools.count()
         events, answers = TimerThread("ros2 events"), TimerThread("ros2 answers")
         self._discovery = Discovery(self._session, self.domain, self._notifier, events)
         self._connection = Connection(
-            self._session, self._discovery, self._notifier, self.domain, events, answers
+            self._session, self._discovery, self._notifier, self.domain, events, answers, count()
         )
         self._routers: set[str] = set()
         self._reported_up = True
@@ -163,9 +162,9 @@ class ZenohTransport(Transport):
         return not self._router or bool(self._routers)
 
     def _node(self, names: Names) -> Node:
-        number, space = next(self._numbers), names.namespace
+        number, space = next(self._connection.numbers), names.namespace
         token = node_token(self.domain, self._session_id, number, space, names.node, self._enclave)
-        return _ZenohNode(self, names, token, self._connection, self._numbers)
+        return _ZenohNode(self, names, token, self._connection)
 
     def graph(self) -> Graph:
         """Return the graph that the tokens describe now."""
@@ -214,22 +213,14 @@ class ZenohTransport(Transport):
 
 
 class _ZenohNode(Node):
-    def __init__(
-        self,
-        owner: ZenohTransport,
-        names: Names,
-        token: str,
-        connection: Connection,
-        numbers: itertools.count[int],
-    ) -> None:
+    def __init__(self, owner: Transport, names: Names, token: str, connection: Connection) -> None:
         super().__init__(owner, names)
         self._token_key = token
         self._connection = connection
-        self._numbers = numbers
         self._token = connection.session.liveliness().declare_token(token)
 
     def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> ZenohEndpoint:
-        token = endpoint_token(self._token_key, next(self._numbers), end, of.dds_name)
+        token = endpoint_token(self._token_key, next(self._connection.numbers), end, of.dds_name)
         return ENDPOINTS[end.role](Place(self, self._connection, token, end), of, qos, *callback)
 
     def _close(self) -> None:

@@ -16,7 +16,6 @@ from llfsm.bridges.ros2.qos import (
 from llfsm.bridges.ros2.zenoh_transport.graph import (
     Token,
     data_key,
-    domain_tokens,
     endpoint_token,
     node_token,
     parse,
@@ -63,7 +62,6 @@ def test_keys_are_as_rmw_zenoh_writes_them():
     limited = endpoint_token(node, 7, cmd_vel(ALL_LIMITS), TWIST)
     assert limited.rpartition("/")[2] == "::,10:1,5:2,6:3,7,8"
     assert node_token(5, "a1b2", 0, "/a/b", "n") == "@ros2_lv/5/a1b2/0/0/NN/%/%a%b/n"
-    assert domain_tokens(5) == "@ros2_lv/5/**"
 
 
 @pytest.mark.parametrize(
