@@ -24,8 +24,8 @@ from llfsm.runtime.verification.values import message_text
 
 _MANY = 1_000
 """Values of a variable, or periods of a wait, that make for many states."""
-_OF_STATES: Final = ("never", "always", "reachable")
-"""The kinds of properties that are of one state."""
+_OF_STATES: Final = ("never", "always", "reachable", "eventually_always", "always_possible")
+"""The kinds of properties that have one function, of a state."""
 
 
 class Progress(NamedTuple):
