@@ -47,7 +47,6 @@ from llfsm.runtime.verification.zones import (
     times_of,
 )
 
-
 _NOTHING = Responses(lambda _: True, (lambda _: False,))
 """What is always due and never comes: every cycle and every end is without it."""
 

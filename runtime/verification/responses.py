@@ -1,4 +1,4 @@
-"""What must come, and what must stay possible: executions without responses, and regions without ways.
+"""What must come and what must stay possible: lassos without responses, regions with no way out.
 
 *Liveness* (`late_response`, `no_response`). From the states in which a response is due, the search
 goes on without those that respond. With a time limit, a way on which too many rounds begin violates
@@ -216,8 +216,9 @@ def _cycle(
     cycle = [start]
     for holds in recurring:
         if not any(holds(state) for _, state, _ in cycle):
-            cycle += _shortest(cycle[-1], component, edges, lambda node: holds(node[1]))
-    cycle += _shortest(cycle[-1], component, edges, lambda node: node == start)
+            good = {node for node in component if holds(node[1])}
+            cycle += _shortest(cycle[-1], component, edges, good)
+    cycle += _shortest(cycle[-1], component, edges, {start})
     return cycle[1:]
 
 
@@ -225,7 +226,7 @@ def _shortest(
     start: Node,
     component: set[Node],
     edges: dict[Node, list[Node]],
-    sought: Callable[[Node], bool],
+    sought: set[Node],
 ) -> list[Node]:
     """List the nodes after `start` on the shortest way, of one turn or more, to one sought."""
     parents: dict[Node, Node] = {}
@@ -237,7 +238,7 @@ def _shortest(
                 if after not in component or after in parents:
                     continue
                 parents[after] = node
-                if sought(after):
+                if after in sought:
                     way = [after]
                     while (before := parents[way[-1]]) != start:
                         way.append(before)
@@ -246,7 +247,7 @@ def _shortest(
 
 
 class Region(NamedTuple):
-    """A region without a way out: its first state, and how many states can follow, that included."""
+    """A region without a way out: its first state, and the number of states that can follow."""
 
     turn: int
     state: int

@@ -20,16 +20,25 @@ of them from UPPAAL:
    (extrapolation, `Extra_M+` of Behrmann, Bouyer, Larsen and Pelánek 2006). Limits are bounds of
    single clocks, never of differences, so this adds no state that cannot be reached.
 4. What is in a zone that was found is not searched again (inclusion), and a zone within a new one
-   is given up. Zones with the widest bounds go first (as Herbreteau and Tran 2015 advise), but one
-   turn after the other, so that the first way found to a state has the fewest turns.
+   is given up. So that this is seldom for nothing, a round that was begun is completed first, and
+   zones with the widest bounds go first (Herbreteau and Tran 2015, on the order of such searches).
+   Rounds are begun in the order of their number, so that a way has as few rounds as possible.
+
+Where machines have little to do with each other, their clocks differ in very many ways that make no
+difference to the property. So the first search keeps one zone for each state, the smallest that
+includes all (the convex hull of UPPAAL's option -A). If it finds no way, there is none. If it finds
+one that is possible (*One way*), that is the answer. Else the next search keeps more zones for each
+state before it joins them, and the last one all: it is exact.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from heapq import heappop, heappush
 from math import inf
-from operator import itemgetter, le
+from operator import itemgetter, le, ne
 from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.verification.breadth_first import Search, Successor
@@ -37,6 +46,12 @@ from llfsm.runtime.verification.properties import Property
 from llfsm.runtime.verification.responses import Responses
 
 _MOST_ZONES = 500_000
+_ROOMS = (1, 10, 100, inf)
+"""How many zones a search keeps for each state before it joins them."""
+_MOST_TRIED = 20
+"""Ways to one turn that is sought that a search tries, before it leaves it to the next."""
+_MOST_JOINED = 30
+"""How often zones of a state are joined before bounds that still grow are dropped."""
 
 
 class TooManyZonesError(Exception):
@@ -148,7 +163,7 @@ def delayed(zone: Zone, most: Sequence[int]) -> Zone:
     for i in running:
         limit, row = most[i], i * size
         for j in running:
-            if (bound := zone[row + j]) <= limit:
+            if (bound := zone[row + j]) <= limit + first[j] or i == j:
                 after[row + j] = bound
             else:
                 dropped = True
@@ -168,6 +183,14 @@ def _close(zone: list[float], size: int, clocks: list[int]) -> None:
                         zone[row + j] = way
 
 
+def _joined(one: Zone, other: Zone, size: int, *, loose: bool) -> Zone:
+    """Make the smallest zone with both; a `loose` one has no bounds that `other` makes larger."""
+    if not loose:
+        return tuple(map(max, one, other))
+    grown = (inf if bound > was else was for was, bound in zip(one, other, strict=True))
+    return tuple(0 if n < size and bound > 0 else bound for n, bound in enumerate(grown))
+
+
 # All ways
 
 
@@ -184,15 +207,21 @@ class Way(NamedTuple):
 def possible_ways(
     search: Search,
     sought: Mapping[Property, Callable[[Successor], bool]],
-    responses: Mapping[Property, Responses],
+    due: Mapping[Property, Responses],
     found: dict[Property, Way],
 ) -> None:
-    """Find the shortest possible ways to turns that are sought, and to late responses.
+    """Find short possible ways to turns that are sought, and to late responses.
 
     Raise `TooManyZonesError` if there are too many zones, and `TimeUpError` after the deadline;
     those found by then are in `found`.
     """
-    _ZoneSearch(search, sought, responses, found).run()
+    zones = _ZoneSearch(search, sought, due, found)
+    wanted = {*sought, *due}
+    for room in _ROOMS:
+        if wanted:
+            zones.begin(room, wanted)
+            zones.run()
+            wanted = {prop for prop in zones.tried if prop not in found}
 
 
 def one_clock(search: Search) -> bool:
@@ -232,13 +261,18 @@ class _State:
 class _Node:
     """A state and a zone, how they were reached, and the stages of the responses that are due."""
 
-    __slots__ = ("before", "covered", "due", "state", "zone")
+    __slots__ = ("before", "covered", "depth", "due", "state", "zone")
 
     def __init__(
         self, state: _State, due: tuple[int, ...], zone: Zone, before: tuple[_Node, _Edge] | None
     ):
         self.state, self.due, self.zone, self.before = state, due, zone, before
+        self.depth: int = 0 if before is None else before[0].depth + 1
         self.covered = False  # True once its zone is within one that was found later
+
+
+_Key: TypeAlias = tuple[_State, tuple[int, ...]]
+"""A state, and the stages of the responses that are due."""
 
 
 class _ZoneSearch:
@@ -246,32 +280,39 @@ class _ZoneSearch:
         self,
         search: Search,
         sought: Mapping[Property, Callable[[Successor], bool]],
-        responses: Mapping[Property, Responses],
+        due: Mapping[Property, Responses],
         found: dict[Property, Way],
     ):
         self._search, self._tables = search, search.tables
-        self._sought, self._responses, self._found = sought, responses, found
+        self._sought, self._responses, self._found = sought, due, found
         fields, names = self._tables.fields, self._tables.system.names
         self._elapsed = [fields.get(("elapsed", name)) for name in names]
         self._timeless = ~self._tables.packing.mask(("elapsed", name) for name in names)
         self._states: dict[tuple[int, int], _State] = {}
-        self._nodes: dict[tuple[_State, tuple[int, ...]], list[_Node]] = {}
+
+    def begin(self, room: float, wanted: set[Property]) -> None:
+        """Prepare a search that keeps as many zones as `room` for each state."""
+        self._room, self._wanted = room, wanted
+        self.tried: Counter[Property] = Counter()
+        """How many ways were found, possible or not, by what they lead to."""
+        self._joined: Counter[_Key] = Counter()
+        self._nodes: dict[_Key, list[_Node]] = {}
         self._zones = 0
+        self._waiting: list[tuple[bool, int, int, int, _Node]] = []
 
     def run(self) -> None:
-        begin = self._state(0, self._tables.initial())
-        due = tuple(each.done for each in self._responses.values())
-        level = self._added(_Node(begin, self._due(due, begin), (0,), None))
-        while level and len(self._found) < len(self._sought) + len(self._responses):
-            now, level = level, []
-            now.sort(key=lambda node: node.zone.count(inf), reverse=True)
-            for node in now:
-                if not node.covered:
-                    self._tables.system.ringlets.deadline.check()
-                    level += self._expand(node)
+        """Search until all that is wanted was found, or there are no more zones."""
+        first = self._state(0, self._tables.initial())
+        nothing = tuple(responses.done for responses in self._responses.values())
+        self._add(_Node(first, self._due(nothing, first), (0,), None))
+        while self._waiting and self._wanted:
+            node = heappop(self._waiting)[-1]
+            if not node.covered:
+                self._tables.system.ringlets.deadline.check()
+                self._expand(node)
 
-    def _expand(self, node: _Node) -> Iterator[_Node]:
-        """Yield what is new one turn after a node."""
+    def _expand(self, node: _Node) -> None:
+        """Add what is one turn after a node."""
         before = node.state
         if before.edges is None:
             before.edges = [*self._edges(before)]
@@ -280,37 +321,55 @@ class _ZoneSearch:
             zone: Zone | None = node.zone
             if edge.clock:
                 zone = constrained(node.zone, size, edge.clock, edge.low_ns, edge.high_ns)
-                if zone is None:
-                    continue
+            if zone is None:
+                continue
             zone = edge.kept(zone)
             if edge.after.turn == 0:
                 zone = delayed(zone, edge.after.most)
             after = _Node(edge.after, self._due(node.due, edge.after), zone, (node, edge))
             for prop in edge.found:
-                if prop not in self._found:
-                    self._found[prop] = self._way(after)
+                self._note(prop, after)
             if before.turn == 0 and edge.high_ns == inf:  # it may begin as late as one likes
-                self._note_late(node, after)
-            yield from self._added(after)
+                for prop in self._missing(node):
+                    self._note(prop, after, late=True)
+            self._add(after)
 
-    def _added(self, node: _Node) -> list[_Node]:
+    def _add(self, node: _Node) -> None:
         """Keep a node, unless its zone is within that of another one."""
-        others = self._nodes.setdefault((node.state, node.due), [])
+        key = node.state, node.due
+        others = self._nodes.setdefault(key, [])
         zone = node.zone
         if any(all(map(le, zone, other.zone)) for other in others):
-            return []
-        within = [other for other in others if all(map(le, other.zone, zone))]
-        for other in within:
-            other.covered = True
-        if within:
-            others[:] = [other for other in others if not other.covered]
+            return
+        if len(others) >= self._room:
+            nearest = min(others, key=lambda other: sum(map(ne, zone, other.zone)))
+            self._joined[key] += 1
+            zone = node.zone = _joined(
+                nearest.zone, zone, len(node.state.most), loose=self._joined[key] > _MOST_JOINED
+            )
+        for other in others:
+            other.covered = all(map(le, other.zone, zone))
+        others[:] = [other for other in others if not other.covered]
         others.append(node)
         self._zones += 1
         if self._zones > _MOST_ZONES:
             raise TooManyZonesError
         if node.state.may_end:
-            self._note_ends(node)
-        return [node]
+            for prop in self._missing(node):
+                self._note(prop, node, ends=True)
+        begins = node.state.turn == 0
+        order = begins, node.depth, -zone.count(inf), self._zones
+        heappush(self._waiting, (*order, node))
+
+    def _note(self, prop: Property, node: _Node, *, late: bool = False, ends: bool = False) -> None:
+        """Keep the way to a node, if it is possible and wanted."""
+        if prop in self._wanted:
+            self.tried[prop] += 1
+            way = self._way(node, prop if late else None)
+            if way is not None:
+                self._found[prop] = way._replace(ends=ends)
+            if way is not None or self.tried[prop] == _MOST_TRIED < self._room:
+                self._wanted = self._wanted - {prop}
 
     # Responses
 
@@ -320,16 +379,11 @@ class _ZoneSearch:
         stages = zip(self._responses.values(), due, strict=True)
         return tuple(each.follow(stage, state.state) for each, stage in stages)
 
-    def _note_late(self, node: _Node, after: _Node) -> None:
-        """Note ways on which a response is due as a round begins: it may begin too late."""
+    def _missing(self, node: _Node) -> Iterator[Property]:
+        """List the properties of which a response is due."""
         for (prop, responses), stage in zip(self._responses.items(), node.due, strict=True):
-            if stage < responses.done and prop not in self._found:
-                self._found[prop] = self._way(after, prop)
-
-    def _note_ends(self, node: _Node) -> None:
-        for (prop, responses), stage in zip(self._responses.items(), node.due, strict=True):
-            if stage < responses.done and prop not in self._found:
-                self._found[prop] = self._way(node)._replace(ends=True)
+            if stage < responses.done:
+                yield prop
 
     # States and what can be done in them
 
@@ -388,8 +442,11 @@ class _ZoneSearch:
 
     # The way to a node
 
-    def _way(self, node: _Node, late: Property | None = None) -> Way:
-        """Find the way to a node, at the earliest times; of a `late` response, after a pause."""
+    def _way(self, node: _Node, late: Property | None) -> Way | None:
+        """Find the way to a node, at the earliest times; of a `late` response, after a pause.
+
+        Return None if there are no such times, as zones were joined.
+        """
         way: list[tuple[_State, _Edge]] = []
         while node.before is not None:
             node, edge = node.before
@@ -414,7 +471,8 @@ class _ZoneSearch:
             pause = Pause(since, number, round(late.within_ms * 1e6) + 1)
             asked.append((pause.later, pause.earlier, pause.least_ns))
         times = _earliest(asked, number)
-        assert times is not None  # as no bound was forgotten that makes a difference
+        if times is None:
+            return None
         return Way([*self._timed([edge.step for _, edge in way], [0, *times])], pause)
 
     def _timed(self, steps: list[Successor], times: list[int]) -> Iterator[Successor]:
