@@ -368,7 +368,7 @@ class _ZoneSearch:
             way = self._way(node, prop if late else None)
             if way is not None:
                 self._found[prop] = way._replace(ends=ends)
-            if way is not None or self.tried[prop] == _MOST_TRIED < self._room:
+            if way is not None or (self.tried[prop] == _MOST_TRIED and self._room < inf):
                 self._wanted = self._wanted - {prop}
 
     # Responses

@@ -24,14 +24,16 @@ from thoroughness import examples
 MS = 1_000_000
 Readings = set[tuple[int, ...]]
 
-# Zones, beside sets of readings of two clocks with the limits 3 and 4
+# Zones, beside sets of readings of three clocks
 
-LIMITS = (3, 4)
-FAR = 12
-"""A reading beyond all limits, at which the sets are cut off."""
+LIMITS = (1, 2, 1)
+SIZE = len(LIMITS) + 1
+FAR = 8
+"""A reading that is enough for each clock to be beyond its limit, and apart from the others."""
+clocks = st.integers(0, len(LIMITS) - 1)
 operations = st.one_of(
-    st.tuples(st.just("cut"), st.integers(0, 1), st.integers(0, 4), st.integers(0, 5)),
-    st.tuples(st.just("restart"), st.integers(0, 1)),
+    st.tuples(st.just("cut"), clocks, st.integers(0, 3), st.sampled_from([0, 1, inf, inf])),
+    st.tuples(st.just("restart"), clocks),
     st.tuples(st.just("delay")),
 )
 
@@ -43,47 +45,42 @@ def alike(reading: tuple[int, ...]) -> tuple[int, ...]:
 
 def shown(zone: Zone) -> Readings:
     """All readings in a zone, as far as they make a difference."""
-    bounds = [zone[n : n + 3] for n in (0, 3, 6)]
+    pairs = [(i, j, zone[SIZE * i + j]) for i, j in product(range(SIZE), repeat=2)]
     return {
-        alike((one, other))
-        for one, other in product(range(FAR), repeat=2)
-        if all(
-            (0, one, other)[i] - (0, one, other)[j] <= bounds[i][j]
-            for i, j in product(range(3), repeat=2)
-        )
+        alike(reading)
+        for reading in product(range(FAR), repeat=len(LIMITS))
+        if all((0, *reading)[i] - (0, *reading)[j] <= bound for i, j, bound in pairs)
     }
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.lists(operations, max_size=8))
 def test_a_zone_has_the_readings_that_clocks_can_have(done: list[Any]) -> None:
-    zone: Zone | None = (0,) * 9
-    readings: Readings = {(0, 0)}
-    for what, *how in done:
+    zone: Zone | None = (0,) * SIZE**2
+    readings: Readings = {(0,) * len(LIMITS)}
+    for what, *how in [("delay",), *done]:
         assert zone is not None
         match what:
             case "cut":
                 clock, low, width = how
-                high = inf if width == 5 else low + width
-                if width < 5 and high > LIMITS[clock]:
-                    high = inf  # limits are the largest that anybody asks for
-                if high == inf:
-                    low = min(low, LIMITS[clock] + 1)
-                zone = constrained(zone, 3, clock + 1, low, high)
+                low = min(low, LIMITS[clock] + 1)  # limits are the largest that anybody asks for
+                high = low + width if low + width <= LIMITS[clock] else inf
+                zone = constrained(zone, SIZE, clock + 1, low, high)
                 readings = {each for each in readings if low <= each[clock] <= high}
             case "restart":
-                kept = [0 if n == how[0] + 1 else n for n in range(3)]
-                zone = tuple(zone[3 * i + j] for i in kept for j in kept)
+                kept = [0 if n == how[0] + 1 else n for n in range(SIZE)]
+                zone = tuple(zone[SIZE * i + j] for i in kept for j in kept)
                 readings = {
                     tuple(0 if n == how[0] else v for n, v in enumerate(r)) for r in readings
                 }
             case "delay":
                 zone = delayed(zone, (0, *LIMITS))
-                readings = {alike((a + d, b + d)) for a, b in readings for d in range(FAR)}
+                later = (tuple(each + d for each in r) for r in readings for d in range(FAR))
+                readings = set(map(alike, later))
         assert (zone is None) is (not readings)
         if zone is None:
             return
-        assert shown(zone) == {alike(each) for each in readings}
+        assert shown(zone) == readings
 
 
 # Machines with clocks, beside an explorer that lets time pass by small steps
