@@ -60,7 +60,7 @@ def script_of(witness: Witness, slots: Mapping[str, Slot[Any]]) -> list[Step]:
 
 
 def between_of(witness: Witness) -> tuple[float, float] | None:
-    """Return the `between_ms` of `holds`: a response due as a loop begins must come in it."""
+    """Return the `between_ms` of `holds`: the times between which a loop must not go on."""
     if witness.loop is None:
         return None
     return witness.turns[witness.loop].time_ms, witness.turns[-1].time_ms
@@ -177,7 +177,9 @@ def holds(prop: Property, *, between_ms: tuple[float, float] | None = None) -> H
     """Make an invariant for one `llfsm.runtime.testing.play`: that `prop` is not violated.
 
     Of a `leads_to` without a time of its own, a response due at the first time of `between_ms`, in
-    milliseconds, must have come by the second. A `reachable` is violated in no state.
+    milliseconds, must have come by the second; so must what is to be `always_possible`, if it was
+    not there before. What is to hold `eventually_always` must hold between them. All three are
+    violated if the machines end without. A `reachable` is violated in no state.
     """
     return Holds(prop, between_ms)
 
@@ -190,7 +192,8 @@ class Holds:
         self._property = prop
         self._from_ns, self._until_ns = (ms * 1e6 for ms in between_ms or (inf, inf))
         self._earlier: View | None = None
-        self._due_ns = inf  # since when a response is due
+        self._due_ns: dict[int, float] = {}
+        """Since when a response is due, by the number of those before it that have come."""
 
     def begin(self, arrangement: Arrangement) -> bool:
         """Check the initial state."""
@@ -211,22 +214,36 @@ class Holds:
                 return evaluate(prop, prop.functions[0], now)
             case "step" if before is not None:
                 return evaluate(prop, prop.functions[0], before, now)
-            case "leads_to":
+            case "leads_to" | "always_possible":
                 answered = self._is_answered(now, environment.clock.now_ns())
-                return answered and not (arrangement.finished and self._due_ns < inf)
+                return answered and not (arrangement.finished and self._due_ns)
+            case "eventually_always" if not evaluate(prop, prop.functions[0], now):
+                in_loop = self._from_ns <= environment.clock.now_ns() <= self._until_ns
+                return not (in_loop or arrangement.finished)
         return True
 
     def _is_answered(self, now: View, now_ns: int) -> bool:
         """Check that no response is late."""
         prop = self._property
-        if prop.within_ms is not None and now_ns - self._due_ns > prop.within_ms * 1e6:
+        within_ns = inf if prop.within_ms is None else prop.within_ms * 1e6
+        if any(now_ns - since > within_ns for since in self._due_ns.values()):
             return False
-        trigger, response = prop.functions
-        if evaluate(prop, response, now):
-            self._due_ns = inf
-        elif self._due_ns == inf and evaluate(prop, trigger, now):
-            self._due_ns = now_ns
-        return not (self._due_ns <= self._from_ns and now_ns >= self._until_ns)
+        trigger, *responses = (
+            prop.functions if prop.kind == "leads_to" else (_always, *prop.functions)
+        )
+        if evaluate(prop, trigger, now):
+            self._due_ns.setdefault(0, now_ns)
+        for stage, response in enumerate(responses):
+            if stage in self._due_ns and evaluate(prop, response, now):
+                since = self._due_ns.pop(stage)
+                if stage + 1 < len(responses):
+                    self._due_ns[stage + 1] = min(since, self._due_ns.get(stage + 1, inf))
+        overdue = any(since <= self._from_ns for since in self._due_ns.values())
+        return not (overdue and now_ns >= self._until_ns)
+
+
+def _always(_: View) -> bool:
+    return True
 
 
 # Tables: a row for each turn
