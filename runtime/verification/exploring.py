@@ -25,7 +25,13 @@ from llfsm.runtime.verification.breadth_first import search_states
 from llfsm.runtime.verification.deciding import Decisions
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
+from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
+    Property,
+    PropertyError,
+    Verdict,
+    on_a_screen,
+)
 from llfsm.runtime.verification.ringlets import ENDINGS
 from llfsm.runtime.verification.space import Progress, Space
 from llfsm.runtime.verification.system import System
@@ -166,7 +172,8 @@ def _lines(verdict: Verdict) -> Iterator[str]:
         yield f"{verdict.property}: violated"
     else:
         yield f"{verdict.property}: violated after {len(witness.turns)} turns"
-        yield from (f"  {line}" for line in witness.lines())
+        lines = on_a_screen([*witness.lines()], lambda left: f"({left} more lines)")
+        yield from (f"  {line}" for line in lines)
 
 
 def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:

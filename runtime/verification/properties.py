@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import dis
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import dropwhile
 from math import inf
 from types import CodeType, FrameType, MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.engine.events import Request
@@ -97,21 +97,31 @@ class Witness(NamedTuple):
                 where = f"round {turn.round}, {turn.time_ms:.10g} ms, {turn.machine}"
                 yield f"{where}: {', '.join(news)}"
         yield from self.end_lines()
-        yield from self.region_lines()
-
-    def region_lines(self) -> Iterator[str]:
-        """Describe the region with no way out, in a line."""
-        if self.region is not None:
-            turns, states = self.region
-            when = f"after turn {turns}" if turns else "from the beginning"
-            size = "one state" if states == 1 else f"{states:,} states"
-            yield f"no way leads to it {when}; what can follow: {size}"
 
     def end_lines(self) -> Iterator[str]:
-        """Write the requests when the last round is over, in a line for each machine."""
+        """Write the requests when the last round is over, a line each, and describe the region."""
         for name, asks in self.at_end.items():
             news = ", ".join(f"{ask} is asked for" for ask in asks)
             yield f"at the end of the round, {name}: {news}"
+        if self.region is not None:
+            turns, states = self.region
+            since = f"after turn {turns}" if turns else "from the beginning"
+            size = "one state" if states == 1 else f"{states:,} states"
+            yield f"no way leads to it {since}: {size} can follow"
+
+
+_SCREEN = 24
+T = TypeVar("T")
+
+
+def on_a_screen(lines: Sequence[T], gap: Callable[[int], T]) -> list[T]:
+    """Leave lines in the middle out that no screen has room for; `gap` makes one of their number.
+
+    Two thirds of the others are the last ones, which show what is wrong.
+    """
+    left = len(lines) - _SCREEN
+    first = _SCREEN // 3
+    return [*lines] if left <= 0 else [*lines[:first], gap(left), *lines[first + left :]]
 
 
 class Situation(Protocol):

@@ -242,7 +242,7 @@ class _Edge(NamedTuple):
     high_ns: float
     after: _State
     kept: Callable[[Zone], Zone]
-    """Takes the bounds of the clocks that run afterwards; one that restarts has those of clock 0."""
+    """Takes the bounds of the clocks that run afterwards; a restarted one has those of clock 0."""
     found: tuple[Property, ...]
 
 

@@ -42,11 +42,13 @@ def test_what_holds_has_status_0_and_is_counted(llfsm: Llfsm) -> None:
 
 
 COUNTEREXAMPLE = """\
-violated: motor off with an open door
+motor off with an open door: violated
   after 2 turns:
   round  time   machine  saw                                   did        posted
   1      10 ms  Cooker   door.open=False, button.pressed=True  OFF -> ON  motor.on=False
   2      20 ms  Cooker   door.open=True, button.pressed=False  ON -> OFF  motor.on=True
+
+1 of 2 violated: motor off with an open door
 """
 
 
@@ -60,7 +62,7 @@ def test_code_that_raises_is_shown_recorded_and_tested(llfsm: Llfsm) -> None:
     files = ("--record", "x.mcap", "--pytest", "test_x.py")
     done = verify(llfsm, *files, machine="Broken")
     assert done.returncode == 1
-    assert "violated: no machine's code raises\n  after 2 turns:" in done.stdout
+    assert "no machine's code raises: violated\n  after 2 turns:" in done.stdout
     assert "ON -> OFF, fails in OnExit: ValueError('burnt out')" in done.stdout
     assert llfsm.run("rerun", "x.mcap", f"{OVEN}:Broken").returncode == 0
     with importable(HERE):
