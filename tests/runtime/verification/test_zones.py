@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.runtime import Actuator, Machine, Sensor, State, define
+from clocked_machines import ring
+from llfsm.runtime import Machine, State, define
 from llfsm.runtime.counterexamples import replay
 from llfsm.runtime.verification import Member, Property, explore, leads_to, never, zones
 from llfsm.runtime.verification.breadth_first import Search
 from llfsm.runtime.verification.zones import Zone, constrained, delayed
-from llfsm.whiteboard import Slot
-from llfsm.whiteboard.messages.std_msgs import Bool
 from thoroughness import examples
 
 MS = 1_000_000
@@ -84,41 +83,6 @@ def test_a_zone_has_the_readings_that_clocks_can_have(done: list[Any]) -> None:
 
 
 # Machines with clocks, beside an explorer that lets time pass by small steps
-
-
-def ring(number: int, choose: Random) -> list[type[Machine]]:
-    """Machines that each tell one another something, and look at it and at their clocks."""
-    slots = [Slot(f"told_{n}", Bool) for n in range(number)]
-    return [
-        _told("ABCD"[n], choose, slots[(n + 1) % number], slots[n], quick=number > 2)
-        for n in range(number)
-    ]
-
-
-def _told(
-    name: str, choose: Random, reads: Slot[Bool], posts: Slot[Bool], *, quick: bool
-) -> type[Machine]:
-    states = [State(f"S{number}") for number in range(3)]
-    for number, state in enumerate(states):
-        said = Bool(data=choose.random() < 0.5)
-        state.on_entry(lambda self, said=said: self.tell(said))
-        ms = choose.randint(1, 2 if quick else 3)
-        target = states[(number + choose.randint(1, 2)) % 3]
-        other = states[choose.randrange(3)]
-        match choose.randrange(4):
-            case 0:
-                state.to(target, after_ms=ms)
-            case 1:
-                state.to(target, when=lambda self, ms=ms: self.there.data and self.after_ms(ms))
-                state.to(other, after_ms=ms + 1)
-            case 2:
-                state.to(
-                    target, when=lambda self, ms=ms: not self.there.data and not self.after_ms(ms)
-                )
-            case 3:
-                state.to(target, when=lambda self: self.there.data)
-    ports = {"there": Sensor(reads, default=Bool()), "tell": Actuator(posts)}
-    return define(name, states, attributes=ports)
 
 
 def in_small_steps(search: Search, number: int) -> Iterator[int]:
