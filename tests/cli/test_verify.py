@@ -370,3 +370,44 @@ def test_a_file_that_cannot_be_verified(
     done = llfsm.run("verify", "left.toml")
     assert done.returncode == 2
     assert message in done.stderr
+
+
+LONG = """
+from llfsm.runtime import Machine, State
+from llfsm.runtime.verification import always_possible
+
+
+class Blink(Machine):
+    on, off, out = State(), State(), State()
+    times: int = 0
+
+    @off.on_exit
+    def _(self):
+        self.times += 1
+
+    on.to(off)
+    off.to(out, when=lambda self: self.times == 30)
+    off.to(on)
+    out.to(on, when=lambda self: False)
+
+
+lit = always_possible(lambda v: v.Blink.state == "on", "it can be lit")
+"""
+
+
+def test_a_long_counterexample_fits_a_screen_unless_it_is_to_be_full(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "blinking.py").write_text(LONG)
+    asked = "verify", "blinking", "-p", "blinking:lit"
+    done, full = llfsm.run(*asked), llfsm.run(*asked, "--full")
+    assert (done.returncode, full.returncode) == (1, 1)
+    lines, all_lines = done.stdout.splitlines(), full.stdout.splitlines()
+    assert lines[2] == "violated: it can be lit"
+    assert lines[-1] == all_lines[-1] == "1 of 2 violated: it can be lit"
+    assert len(lines) < 40 < len(all_lines)
+    gap = re.compile(r"  \(\d+ more rows: --full, full=True\)")
+    assert [bool(gap.fullmatch(line)) for line in lines].count(True) == 1
+    assert not any(map(gap.fullmatch, all_lines))
+    region = re.compile(r"  no way leads to it after turn \d+: \d states can follow")
+    assert region.fullmatch(lines[-3])
+    data = llfsm.run(*asked, "--json")
+    assert json.loads(data.stdout)["properties"][1]["region"]["states"] in range(1, 9)
