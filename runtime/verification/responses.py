@@ -246,7 +246,7 @@ def _shortest(
                 level.append(after)
 
 
-class Region(NamedTuple):
+class Trap(NamedTuple):
     """A region without a way out: its first state, and the number of states that can follow."""
 
     turn: int
@@ -254,7 +254,7 @@ class Region(NamedTuple):
     states: int
 
 
-def no_way_out(search: Search, goals: Callable[[list[int]], Iterable[int]]) -> Region | None:
+def no_way_out(search: Search, goals: Callable[[list[int]], Iterable[int]]) -> Trap | None:
     """Find the nearest state from which no way leads to a goal; None if there is none.
 
     `goals` selects those of some states that are goals.
@@ -281,12 +281,12 @@ def no_way_out(search: Search, goals: Callable[[list[int]], Iterable[int]]) -> R
     first = good.find(0)
     if first < 0:
         return None
-    region, level_now = {first}, [first]
-    for number in level_now:
+    region, waiting = {first}, [first]
+    for number in waiting:
         new = set(targets[ends[number] : ends[number + 1]]) - region
         region |= new
-        level_now += new
-    return Region(*nodes[first], len(region))
+        waiting += new
+    return Trap(*nodes[first], len(region))
 
 
 def _reversed(ends: array[int], targets: array[int]) -> tuple[array[int], array[int]]:

@@ -45,8 +45,8 @@ from llfsm.runtime.verification.breadth_first import Search, Successor
 from llfsm.runtime.verification.properties import Property
 from llfsm.runtime.verification.responses import Responses
 
-_MOST_ZONES = 500_000
-_ROOMS = (1, 10, 100, inf)
+MOST_ZONES = 500_000
+ROOMS = (1, 10, 100, inf)
 """How many zones a search keeps for each state before it joins them."""
 _MOST_TRIED = 20
 """Ways to one turn that is sought that a search tries, before it leaves it to the next."""
@@ -217,7 +217,7 @@ def possible_ways(
     """
     zones = _ZoneSearch(search, sought, due, found)
     wanted = {*sought, *due}
-    for room in _ROOMS:
+    for room in ROOMS:
         if wanted:
             zones.begin(room, wanted)
             zones.run()
@@ -352,7 +352,7 @@ class _ZoneSearch:
         others[:] = [other for other in others if not other.covered]
         others.append(node)
         self._zones += 1
-        if self._zones > _MOST_ZONES:
+        if self._zones > MOST_ZONES:
             raise TooManyZonesError
         if node.state.may_end:
             for prop in self._missing(node):
