@@ -8,7 +8,15 @@ from typing import Any, NamedTuple
 from hypothesis import assume, event, reject
 from hypothesis import strategies as st
 
-from llfsm.runtime.verification import UnsupportedError, explore, leads_to, never, reachable
+from llfsm.runtime.verification import (
+    UnsupportedError,
+    always_possible,
+    eventually_always,
+    explore,
+    leads_to,
+    never,
+    reachable,
+)
 from llfsm.whiteboard.messages.std_msgs import Int32
 from naive_explorer import Explored, May, naively_explored
 from random_machines import LEFT, RIGHT, SHARED, built, specs
@@ -71,7 +79,11 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
         (lambda v: v[SHARED].data == 0, lambda view: view["shared"] == Int32(data=0)),
     ]
     safety = [kind(of_view) for of_view, _ in sought for kind in (never, reachable)]
-    depths = [_depth(naive, of_naive) for _, of_naive in sought for _ in range(2)]
+    depths = [
+        _depth(naive, lambda state, n=of_naive: n(naive.views[state]))
+        for _, of_naive in sought
+        for _ in range(2)
+    ]
 
     # Does whoever is not there come there, ever or in so many rounds?
     there, there_naively = sought[0]
@@ -92,18 +104,35 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     wrong = [naive.unanswered(response_naively, naively[:n]) for n in range(3)]
     expected += [asking.isdisjoint(each) for each in wrong]
 
+    answers.append(leads_to(asks, [there, response]))
+    in_turn = naive.unanswered_in_turn(there_naively, response_naively)
+    expected.append(asking.isdisjoint(in_turn))
+
+    # Does it stay so in the end, and can it always become so again?
+    for of_view, of_naive in sought:
+        answers += [eventually_always(of_view), always_possible(of_view)]
+        restless = naive.unanswered(lambda _: False, [lambda view, n=of_naive: not n(view)])
+        expected += [naive.first not in restless, not naive.hopeless(of_naive)]
+
     space = explore(machines, properties=[*safety, *answers], **ours, **how)
     for verdict, least in zip(space.verdicts, depths, strict=False):
         assert verdict.holds is ((least is None) == (verdict.property.kind == "never"))
         assert (verdict.witness and len(verdict.witness.turns)) == least
     assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == expected
+    for verdict, (_, of_naive) in zip(space.verdicts[-5::2], sought, strict=True):
+        hopeless = naive.hopeless(of_naive)
+        region = verdict.witness and verdict.witness.region
+        assert (region is None) is (not hopeless)
+        if region:
+            assert region.turns == _depth(naive, hopeless.__contains__)
+            assert region.states <= len(hopeless)
 
 
-def _depth(naive: Explored, holds: Naively) -> int | None:
-    """Return after how many turns a state that satisfies `holds` can be reached first."""
+def _depth(naive: Explored, sought: Callable[[Any], bool]) -> int | None:
+    """Return after how many turns a state that is sought can be reached first."""
     level, known, turns = {naive.first}, {naive.first}, 0
     while level:
-        if any(holds(naive.views[state]) for state in level):
+        if any(sought(state) for state in level):
             return turns
         level = {after for state in level for after in naive.successors[state]} - known
         known |= level

@@ -116,6 +116,18 @@ class Explored(NamedTuple):
         ends = {s for s in silent & self.ends if all(holds(self.views[s]) for holds in again)}
         return endless | ends | self._leading(endless | ends, silent)
 
+    def unanswered_in_turn(self, first: Holds, then: Holds) -> set[Any]:
+        """Return the states from which `first`, or after it `then`, need never come."""
+        never_then = self.unanswered(then)
+        stuck = {s for s in never_then if first(self.views[s])}
+        silent = {state for state, view in self.views.items() if not first(view)}
+        return self.unanswered(first) | stuck | self._leading(stuck, silent)
+
+    def hopeless(self, goal: Holds) -> set[Any]:
+        """Return the states from which no way leads to a goal."""
+        goals = {state for state, view in self.views.items() if goal(view)}
+        return self.views.keys() - goals - self._leading(goals, set(self.views))
+
     def _leading(self, goals: set[Any], within: set[Any]) -> set[Any]:
         """Return the states from which one turn or more leads to a goal, `within` some."""
         found: set[Any] = set()

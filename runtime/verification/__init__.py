@@ -11,7 +11,7 @@
 
 Start at `exploring`. From the bottom up: `domains` and `values`; `environment` and `ringlets` (one
 ringlet from any control state), `time_model`, `system` (each ringlet once), `tables` (states as
-whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `deciding`;
+whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `zones`, `deciding`;
 `unmodelled_state` and `space`.
 """
 
@@ -29,10 +29,13 @@ from llfsm.runtime.verification.properties import (
     MachineView,
     Property,
     PropertyError,
+    Region,
     Verdict,
     View,
     Witness,
     always,
+    always_possible,
+    eventually_always,
     leads_to,
     monitor,
     never,
@@ -51,6 +54,7 @@ __all__ = [
     "Progress",
     "Property",
     "PropertyError",
+    "Region",
     "Space",
     "UnsupportedError",
     "Verdict",
@@ -58,6 +62,8 @@ __all__ = [
     "View",
     "Witness",
     "always",
+    "always_possible",
+    "eventually_always",
     "every",
     "explore",
     "leads_to",

@@ -29,7 +29,13 @@ from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
 from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
+from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
+    Property,
+    PropertyError,
+    Verdict,
+    on_a_screen,
+)
 from llfsm.runtime.verification.space import Progress, Space
 
 if TYPE_CHECKING:
@@ -61,8 +67,9 @@ def explore(
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
         period_ms: the time from one round to the next, in milliseconds; each takes exactly that.
-        any_time: let any time, also none, pass before each round instead. `leads_to` needs a
-            period: if no time need pass, what waits for it need never come.
+        any_time: let any time, also none, pass before each round instead. `leads_to` without
+            `within_ms` and `eventually_always` need a period: if no time need pass, what waits for
+            it need never come.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
             the domains that sensors declare. A slot to which a machine posts can have none, and a
@@ -165,7 +172,8 @@ def _lines(verdict: Verdict) -> Iterator[str]:
         yield f"{verdict.property}: violated"
     else:
         yield f"{verdict.property}: violated after {len(witness.turns)} turns"
-        yield from (f"  {line}" for line in witness.lines())
+        lines = on_a_screen([*witness.lines()], lambda left: f"({left} more lines)")
+        yield from (f"  {line}" for line in lines)
 
 
 def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:
@@ -173,10 +181,11 @@ def _time_model(period_ms: float | None, asked: list[Property], *, any_time: boo
         raise OptionError("give period_ms, or any_time=True")
     if period_ms is None:
         for prop in asked:
-            if prop.kind == "leads_to":
+            if prop.within_ms is None and prop.kind in ("leads_to", "eventually_always"):
                 raise OptionError(
-                    f"{prop}: leads_to needs a period (period_ms), as any time may be none at all, "
-                    f"and then nothing need follow; decide it by itself, and the rest at any time"
+                    f"{prop}: {prop.kind} needs a period (period_ms), as any time may be none at "
+                    f"all, and then nothing need follow; decide it by itself, and the rest at any "
+                    f"time"
                 )
         return AnyTime()
     if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:

@@ -22,10 +22,11 @@ from llfsm.runtime.verification.errors import PredicateError, VerificationError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
 from llfsm.runtime.verification.values import message_text
 
+VERDICTS: Final = {True: "holds", False: "violated", None: "undecided"}
 _MANY = 1_000
 """Values of a variable, or periods of a wait, that make for many states."""
-_OF_STATES: Final = ("never", "always", "reachable")
-"""The kinds of properties that are of one state."""
+_OF_STATES: Final = ("never", "always", "reachable", "eventually_always", "always_possible")
+"""The kinds of properties that have one function, of a state."""
 
 
 class Progress(NamedTuple):
@@ -115,6 +116,16 @@ class Space:
                 f"{limit_ns // period_ns:,} periods: give a longer period, "
                 f"let any time pass (--any-time, any_time=True), or let the machine wait less"
             )
+
+    def _repr_html_(self) -> str:
+        """Return the verdicts, and after how many turns one is violated, for a notebook."""
+        from llfsm.whiteboard.message_text import html_table  # here, as few spaces are in one
+
+        rows = [
+            (each.property, VERDICTS[each.holds], len(each.witness.turns) if each.witness else "")
+            for each in self.verdicts
+        ]
+        return html_table(("property", "verdict", "turns"), rows)
 
     def export(self, file: Path) -> None:
         """Write all states to a file: .drn for Storm, .pml for SPIN, .aut for Aldebaran.

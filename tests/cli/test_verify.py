@@ -42,11 +42,13 @@ def test_what_holds_has_status_0_and_is_counted(llfsm: Llfsm) -> None:
 
 
 COUNTEREXAMPLE = """\
-violated: motor off with an open door
+motor off with an open door: violated
   after 2 turns:
   round  time   machine  saw                                   did        posted
   1      10 ms  Cooker   door.open=False, button.pressed=True  OFF -> ON  motor.on=False
   2      20 ms  Cooker   door.open=True, button.pressed=False  ON -> OFF  motor.on=True
+
+1 of 2 violated: motor off with an open door
 """
 
 
@@ -60,7 +62,7 @@ def test_code_that_raises_is_shown_recorded_and_tested(llfsm: Llfsm) -> None:
     files = ("--record", "x.mcap", "--pytest", "test_x.py")
     done = verify(llfsm, *files, machine="Broken")
     assert done.returncode == 1
-    assert "violated: no machine's code raises\n  after 2 turns:" in done.stdout
+    assert "no machine's code raises: violated\n  after 2 turns:" in done.stdout
     assert "ON -> OFF, fails in OnExit: ValueError('burnt out')" in done.stdout
     assert llfsm.run("rerun", "x.mcap", f"{OVEN}:Broken").returncode == 0
     with importable(HERE):
@@ -368,3 +370,44 @@ def test_a_file_that_cannot_be_verified(
     done = llfsm.run("verify", "left.toml")
     assert done.returncode == 2
     assert message in done.stderr
+
+
+LONG = """
+from llfsm.runtime import Machine, State
+from llfsm.runtime.verification import always_possible
+
+
+class Blink(Machine):
+    on, off, out = State(), State(), State()
+    times: int = 0
+
+    @off.on_exit
+    def _(self):
+        self.times += 1
+
+    on.to(off)
+    off.to(out, when=lambda self: self.times == 30)
+    off.to(on)
+    out.to(on, when=lambda self: False)
+
+
+lit = always_possible(lambda v: v.Blink.state == "on", "it can be lit")
+"""
+
+
+def test_a_long_counterexample_fits_a_screen_unless_it_is_to_be_full(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "blinking.py").write_text(LONG)
+    asked = "verify", "blinking", "-p", "blinking:lit"
+    done, full = llfsm.run(*asked), llfsm.run(*asked, "--full")
+    assert (done.returncode, full.returncode) == (1, 1)
+    lines, all_lines = done.stdout.splitlines(), full.stdout.splitlines()
+    assert lines[2] == "violated: it can be lit"
+    assert lines[-1] == all_lines[-1] == "1 of 2 violated: it can be lit"
+    assert len(lines) < 40 < len(all_lines)
+    gap = re.compile(r"  \(\d+ more rows: --full, full=True\)")
+    assert [bool(gap.fullmatch(line)) for line in lines].count(True) == 1
+    assert not any(map(gap.fullmatch, all_lines))
+    region = re.compile(r"  no way leads to it after turn \d+: \d states can follow")
+    assert region.fullmatch(lines[-3])
+    data = llfsm.run(*asked, "--json")
+    assert json.loads(data.stdout)["properties"][1]["region"]["states"] in range(1, 9)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from textwrap import indent
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +22,7 @@ from msgspec.structs import replace
 from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.cli.options import Integer, Number, file_option
 from llfsm.errors import LlfsmError, did_you_mean
-from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
+from llfsm.runtime.counterexamples import regression_of, script_of, story_of
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import (
     NO_FAILURE,
@@ -32,17 +31,15 @@ from llfsm.runtime.verification import (
     Property,
     Space,
     Verdict,
-    Witness,
     explore,
     reachable,
 )
 from llfsm.runtime.verification.domains import domain_of
-from llfsm.runtime.verification.space import EXPORTS
+from llfsm.runtime.verification.space import EXPORTS, VERDICTS
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
-_VERDICTS = {True: "holds", False: "violated", None: "undecided"}
 _EVERYTHING = reachable(lambda _: False, "every state")
 """A property that is not decided before all states are found, as an export needs them."""
 _STDOUT = Path("-")
@@ -148,12 +145,14 @@ def _json(text: str) -> Any:
     multiple=True,
     help="Write all states for Storm (.drn), SPIN (.pml) or Aldebaran (.aut). May be repeated.",
 )
+@click.option("--full", is_flag=True, help="Show all rows of counterexamples.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def verify(
     machines: tuple[str, ...],
     recording: Path | None,
     tests: Path | None,
     exports: tuple[Path, ...],
+    full: bool,
     as_json: bool,
     **asked: Any,
 ) -> None:
@@ -181,9 +180,11 @@ def verify(
         verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
         undecided = any(verdict.holds is None for verdict in verdicts)
         ended = _why(subject.wanted, space) if undecided else ""
-        report = as_data if as_json else as_text
-        found = report(space, verdicts, subject.period_ms, ended)
-        click.echo(msgspec.json.encode(found).decode() if as_json else found)
+        if as_json:
+            data = as_data(space, verdicts, subject.period_ms, ended)
+            click.echo(msgspec.json.encode(data).decode())
+        else:
+            click.echo(as_text(space, verdicts, subject.period_ms, ended, full=full))
         violated = [verdict for verdict in verdicts if verdict.holds is False]
         _write(subject, space, violated, recording, tests)
         for file in exports:
@@ -426,11 +427,21 @@ def _joined(file: Verification, asked: Verification) -> Verification:
 
 def verdict_of(verdict: Verdict) -> str:
     """Name a verdict: "holds", "violated" or "undecided"."""
-    return _VERDICTS[verdict.holds]
+    return VERDICTS[verdict.holds]
 
 
-def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
-    """Write the report; `ended` says why the exploration ended early, "" if it did not."""
+def as_text(
+    space: Space,
+    verdicts: Sequence[Verdict],
+    period_ms: float | None,
+    ended: str,
+    *,
+    full: bool = False,
+) -> str:
+    """Write the report; `ended` says why the exploration ended early, "" if it did not.
+
+    Verdicts come first. What is violated is named again below the counterexamples.
+    """
     lines = [
         f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
         f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
@@ -442,28 +453,18 @@ def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
     for verdict in verdicts:
         why = ": what triggers it never happens" if verdict.vacuous else ""
         lines.append(f"{verdict_of(verdict)}: {verdict.property}{why}")
-        if verdict.holds is False and verdict.witness is not None:
-            lines += _story(space, verdict.witness)
     if space.complete:
         lines += [f"never reached: {each}" for each in space.unreached]
         lines += [f"never taken: {each}" for each in space.untaken]
+    violated = [verdict for verdict in verdicts if verdict.holds is False]
+    for verdict in violated:
+        if verdict.witness is not None:
+            lines += ["", f"{verdict.property}: violated"]
+            lines += [f"  {line}" for line in story_of(space, verdict.witness, full=full)]
+    if violated:
+        names = ", ".join(str(verdict.property) for verdict in violated)
+        lines += ["", f"{len(violated)} of {len(verdicts)} violated: {names}"]
     return "\n".join(lines)
-
-
-def _story(space: Space, witness: Witness) -> list[str]:
-    """Describe a counterexample: a table of its turns, and how it goes on."""
-    number = len(witness.turns)
-    if not number:
-        return ["  in the initial state"]
-    script = script_of(witness, space.slots)
-    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
-    table = table_of(rows[:number], number - 1)
-    lines = [f"  after {number} turn{'s' if number != 1 else ''}:", indent(table, "  ")]
-    if witness.loop is not None:
-        first = witness.turns[witness.loop].round
-        lines.append(f"  and so on for ever: all from round {first} on repeats")
-    lines += [f"  {line}" for line in witness.end_lines()]
-    return lines
 
 
 def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
@@ -485,6 +486,9 @@ def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
                 "verdict": verdict_of(verdict),
                 "vacuous": verdict.vacuous,
                 "loop": None if verdict.witness is None else verdict.witness.loop,
+                "region": None
+                if verdict.witness is None or verdict.witness.region is None
+                else verdict.witness.region._asdict(),
                 "at_end": {} if verdict.witness is None else dict(verdict.witness.at_end),
                 "witness": None
                 if verdict.witness is None

@@ -29,11 +29,14 @@ from llfsm.runtime.verification import (
     UnsupportedError,
     Verdict,
     View,
+    always_possible,
+    eventually_always,
     explore,
     leads_to,
     never,
     step,
 )
+from llfsm.runtime.verification.properties import LIVENESS
 from llfsm.whiteboard.messages.std_msgs import Int32
 from random_machines import LEFT, RIGHT, SHARED, built
 from thoroughness import examples
@@ -47,7 +50,11 @@ PROPERTIES = [
     step(lambda before, after: before.A.n == after.A.n),
     leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2, within_ms=20),
     leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2),
+    leads_to(lambda v: v.A.n == 0, [lambda v: v.A.n == 1, lambda v: v[SHARED].data == 2]),
+    eventually_always(lambda v: v.A.n == 0),
+    always_possible(lambda v: v.A.n == 1),
 ]
+AT_ANY_TIME = [each for each in PROPERTIES if each.kind not in LIVENESS or each.within_ms]
 
 
 def dumped(view: View, names: Iterable[str]) -> list[str]:
@@ -95,14 +102,13 @@ def replays(space: Space, verdict: Verdict) -> None:
 @settings(max_examples=examples(8), suppress_health_check=list(HealthCheck), deadline=None)
 @given(situations, st.booleans())
 def test_every_counterexample_replays_in_every_way(situation: Situation, any_time: bool) -> None:
-    asked = [each for each in PROPERTIES if not (any_time and each.kind == "leads_to")]
     try:
         space = explore(
             built(situation.machines),
             period_ms=None if any_time else situation.period_ms,
             any_time=any_time,
             sensors=DOMAINS,
-            properties=asked,
+            properties=AT_ANY_TIME if any_time else PROPERTIES,
             stop=situation.may.stop,
             suspend=situation.may.suspend,
             choices="rounds" if situation.may.by_rounds else "turns",
