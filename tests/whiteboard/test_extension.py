@@ -19,7 +19,11 @@ RunPython = Callable[..., str]
 
 @pytest.mark.timeout(300)  # of a type checker, which takes a minute of a busy machine
 def test_the_stubs_match_the_extensions() -> None:
-    modules = ["llfsm.whiteboard._shm", "llfsm.runtime.engine._ringlet"]
+    modules = [
+        "llfsm.whiteboard._shm",
+        "llfsm.runtime.engine._ringlet",
+        "llfsm.runtime.verification._states",
+    ]
     done = subprocess.run(
         [sys.executable, "-m", "mypy.stubtest", *modules],
         cwd=Path(__file__).parents[2],
