@@ -56,6 +56,8 @@ class Search:
         self.levels: list[Level] = []
         self.states = 0
         """The number of states."""
+        self._sizes: list[tuple[int, tuple[int, ...]]] = []
+        """The states and, by `System.sizes`, the values, whenever there were twice as many."""
         self._last = len(tables.system.names) - 1
         self._words = tables.packing.words
         self._seen = [Seen(self._words) for _ in tables.system.names]
@@ -105,7 +107,13 @@ class Search:
         if level:
             self.levels.append(level)
             self.states += sum(map(len, level.values()))
+            if not self._sizes or self.states >= 2 * self._sizes[-1][0]:
+                self._sizes.append((self.states, self.tables.system.sizes()))
         return level
+
+    def half(self) -> tuple[int, ...]:
+        """Return `System.sizes` of when about half of the states were found, or fewer."""
+        return next(sizes for states, sizes in self._sizes[::-1] if 2 * states <= self.states + 1)
 
     def _pack(self, states: Iterable[int]) -> States:
         return States(self._words, states)
@@ -242,7 +250,7 @@ def search_states(
 
     `look` is called with each level, and ends the search by returning False, as `goes_on` does
     within a level; `restart` with the tables of each attempt, before. `look` and `restart` may
-    raise `RelearnError` after adding to `named`. Ctrl-C and the deadline end the search, too.
+    raise `RelearnError` after adding to `named`. Ctrl-C, the deadline and a lack of memory end the search, too.
     """
     sizes: dict[FieldName, int] = {}
     while True:
@@ -254,7 +262,7 @@ def search_states(
                 level = search.begin()
                 while level and look(search, level):
                     level = search.go_on(goes_on)
-            except ENDINGS:
+            except (*ENDINGS, MemoryError):
                 search.interrupted = True
             return search
         except RelearnError:

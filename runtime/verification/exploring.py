@@ -10,7 +10,7 @@ difference. What keeps this fast is that the machines' code is run only for dist
 3. `breadth_first` finds all states by levels; `predicates` and `deciding` check the properties of
    each level, and `responses` those of liveness at the end.
 4. All this is right only if a ringlet does the same whenever it is given the same. So at the end
-   `unmodelled_state` runs every kept one again, and looks for state that is kept elsewhere.
+   `unmodelled_state` runs them again, of many a sample, and looks for state that is kept elsewhere.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def explore(
     """Find all states that the machines can reach, and return the space with the verdicts.
 
     The exploration ends early once every property is decided, if there are any; by `max_states` or
-    `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
+    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their turns.
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
@@ -118,13 +118,15 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
     search = search_states(
         system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
     )
-    ringlets = system.ringlets.executed
+    ringlets, repeated = system.ringlets.executed, 0
     if search.interrupted:
         decisions.end()
     else:
         unmodelled.check()
         try:
-            check_determinism(system.ringlets, system.kept())
+            sample = system.sample()
+            check_determinism(system.ringlets, iter(sample))
+            repeated = len(sample)
         except ENDINGS:
             decisions.end()
     verdicts = tuple(decisions.verdicts(search))
@@ -135,6 +137,7 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
         verdicts,
         decisions.seconds,
         ringlets=ringlets,
+        repeated=repeated,
         complete=decisions.complete,
         cut=decisions.cut,
     )
