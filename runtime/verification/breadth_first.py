@@ -53,6 +53,8 @@ class Search:
         self.transitions = 0
         self.interrupted = False
         """True if it has ended within a level, such as by Ctrl-C."""
+        self.out_of_memory = False
+        """True if that was because memory was used up."""
         self.levels: list[Level] = []
         self.states = 0
         """The number of states."""
@@ -65,7 +67,7 @@ class Search:
     def begin(self) -> Level:
         """Add and return the first level: the initial state."""
         level: Level = {}
-        self._find(level, 0, self._pack([self.tables.initial()]))
+        self._note_new(level, 0, self._pack([self.tables.initial()]))
         return self._add(level)
 
     def go_on(self, goes_on: Callable[[Search], bool]) -> Level:
@@ -83,7 +85,7 @@ class Search:
                 more, found = self._expand(turn, states[start : start + STATES_AT_ONCE])
                 transitions += more
                 for next_turn, each in found:
-                    self._find(level, next_turn, each)
+                    self._note_new(level, next_turn, each)
         self.transitions += transitions
         return self._add({turn: each for turn, each in level.items() if len(each)})
 
@@ -97,7 +99,7 @@ class Search:
             after += self._to_turns(place, found)
         return transitions, after
 
-    def _find(self, level: Level, turn: int, states: States) -> None:
+    def _note_new(self, level: Level, turn: int, states: States) -> None:
         """Add those of some states to a level that are new."""
         if turn not in level:
             level[turn] = States(self._words)
@@ -111,9 +113,9 @@ class Search:
                 self._sizes.append((self.states, self.tables.system.sizes()))
         return level
 
-    def half(self) -> tuple[int, ...]:
-        """Return `System.sizes` of when about half of the states were found, or fewer."""
-        return next(sizes for states, sizes in self._sizes[::-1] if 2 * states <= self.states + 1)
+    def half(self) -> tuple[int, tuple[int, ...]]:
+        """Return a number of states, half of all or less, and `System.sizes` of that moment."""
+        return next(then for then in self._sizes[::-1] if 2 * then[0] <= self.states + 1)
 
     def _pack(self, states: Iterable[int]) -> States:
         return States(self._words, states)
@@ -250,7 +252,8 @@ def search_states(
 
     `look` is called with each level, and ends the search by returning False, as `goes_on` does
     within a level; `restart` with the tables of each attempt, before. `look` and `restart` may
-    raise `RelearnError` after adding to `named`. Ctrl-C, the deadline and a lack of memory end the search, too.
+    raise `RelearnError` after adding to `named`. Ctrl-C, the deadline and a lack of memory end the
+    search, too.
     """
     sizes: dict[FieldName, int] = {}
     while True:
@@ -262,8 +265,9 @@ def search_states(
                 level = search.begin()
                 while level and look(search, level):
                     level = search.go_on(goes_on)
-            except (*ENDINGS, MemoryError):
+            except (*ENDINGS, MemoryError) as error:
                 search.interrupted = True
+                search.out_of_memory = isinstance(error, MemoryError)
             return search
         except RelearnError:
             continue

@@ -15,7 +15,9 @@ difference. What keeps this fast is that the machines' code is run only for dist
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import chain
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal
@@ -35,6 +37,9 @@ from llfsm.runtime.verification.unmodelled_state import UnmodelledState, check_d
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Factory
     from llfsm.whiteboard import Slot
+
+_YOUNG = 50_000
+"""Objects that are made before garbage is looked for among them."""
 
 
 def explore(
@@ -56,7 +61,8 @@ def explore(
     """Find all states that the machines can reach, and return the space with the verdicts.
 
     The exploration ends early once every property is decided, if there are any; by `max_states` or
-    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their turns.
+    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their
+    turns.
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
@@ -115,18 +121,19 @@ def explore(
 def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
     """Find all states, check that nothing was left out of them, and decide the properties."""
     unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
-    search = search_states(
-        system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
-    )
+    with _seldom_collected():
+        search = search_states(
+            system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
+        )
     ringlets, repeated = system.ringlets.executed, 0
     if search.interrupted:
         decisions.end()
     else:
         unmodelled.check()
         try:
-            sample = system.sample()
+            sample, is_whole = system.sample()
             check_determinism(system.ringlets, iter(sample))
-            repeated = len(sample)
+            repeated = ringlets if is_whole else len(sample)
         except ENDINGS:
             decisions.end()
     verdicts = tuple(decisions.verdicts(search))
@@ -140,7 +147,19 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
         repeated=repeated,
         complete=decisions.complete,
         cut=decisions.cut,
+        short_of_memory=decisions.short_of_memory or search.out_of_memory,
     )
+
+
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Let garbage be looked for less often: what is kept is no garbage, and much is made."""
+    young, *older = gc.get_threshold()
+    gc.set_threshold(young and max(young, _YOUNG), *older)
+    try:
+        yield
+    finally:
+        gc.set_threshold(young, *older)
 
 
 def verify(

@@ -12,7 +12,7 @@ first.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 Effect: TypeAlias = tuple[int, int]
 """What to keep of a state, and what to put there: `state & keep | put` is the state after it."""
@@ -25,6 +25,12 @@ class States(list[int]):
 
     def __init__(self, words: int, states: Iterable[int] = ()):
         super().__init__(states)
+        self._words = words
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return a state, or `States` of a slice."""
+        found = super().__getitem__(key)
+        return States(self._words, found) if isinstance(key, slice) else found
 
 
 class Seen:

@@ -10,7 +10,7 @@ order in which they are found, so that a ringlet's effects are a small tuple.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
@@ -52,6 +52,8 @@ Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 """By "Machine.variable", functions that replace its value after each turn."""
 
 
+GiveTurns: TypeAlias = Callable[[Iterable[Seat]], bool]
+"""Gives seats their turns; True if a transition fired in any."""
 _Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool]
 """A control state with the bound states themselves: where a seat stands."""
 
@@ -143,8 +145,12 @@ class Ringlets(Arrangement):
             codes.code(None, None)
         return 0 if message is None else codes.code(freeze(message, _ignore), message)
 
-    def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
+    def run_ringlet(
+        self, given: Given, *, copied: bool = False, turns: GiveTurns | None = None
+    ) -> RingletOutcome:
         """Run a ringlet and return its effects; if `copied`, it gets copies with shuffled sets.
+
+        `turns` is called in the place of `give_turns`.
 
         Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
         machine that `others` lacks, and `TimeUpError` after the deadline.
@@ -168,7 +174,7 @@ class Ringlets(Arrangement):
         environment.begin(seat.name, elapsed_ns if was.entered else None)
         self._error = None
         self.executed += 1
-        fired = self.give_turns((seat,))
+        fired = (turns or self.give_turns)((seat,))
         self._check_ports(place)
         asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
         if environment.refusal is not None:
@@ -419,7 +425,7 @@ class Ringlets(Arrangement):
         if order is None:
             order = self._orders[names] = tuple(sorted(names))
         parts: list[Any] = []
-        key = []
+        key: list[Hashable] = []
         for name in order:
             value = values[name]
             kind = type(value)
@@ -444,9 +450,7 @@ class Ringlets(Arrangement):
             codes.values[code] = kept
         return code
 
-    def _replace(
-        self, values: dict[str, Any], machine: str, functions: Abstraction
-    ) -> None:
+    def _replace(self, values: dict[str, Any], machine: str, functions: Abstraction) -> None:
         """Replace variables by what the abstractions make of them."""
         for name, function in functions.items():
             if name not in values:

@@ -67,6 +67,7 @@ class Space:
         repeated: int,
         complete: bool,
         cut: bool,
+        short_of_memory: bool,
     ):
         self.states = search.states
         """The number of states that can be reached."""
@@ -83,9 +84,12 @@ class Space:
         """True if all states were found, and each ringlet does the same again."""
         self.cut = cut
         """True if Ctrl-C, `max_seconds` or a lack of memory has ended it before all was decided."""
+        self.short_of_memory = short_of_memory
+        """True if it was ended because little memory was left."""
         self.verdicts = verdicts
         self.unreached, self.untaken = system.left_out()
-        """The states that no machine comes into, as "Machine.STATE", and the transitions that never fire, as "Machine.STATE -> TARGET: label"."""
+        """The states that no machine comes into, as "Machine.STATE", and the transitions that never
+        fire, as "Machine.STATE -> TARGET: label"."""
         self.values = system.values()
         """The number of values that each variable has had, by "Machine.variable", most first."""
         self.members = members
@@ -102,10 +106,10 @@ class Space:
     def hints(self) -> Iterator[str]:
         """Give reasons for many states, and remedies, a line each.
 
-        What has grown while the second half of the states was found grows on; else the reason is
-        what has most values. Name the longest wait, too, if it has as many periods.
+        What has grown while the second half of the states was found will grow on; if nothing has,
+        the reason is what has most values. Name the longest wait, too, if it has as many periods.
         """
-        system, half = self._system, self.search.half()
+        system, (states, half) = self._system, self.search.half()
         posts = {f"slot {slot}": number for slot, number in system.posts().items()}
         numbers = self.values | posts
         before = system.values(half) | {f"slot {n}": each for n, each in system.posts(half).items()}
@@ -115,7 +119,7 @@ class Space:
         place, limit_ns = system.longest_wait()
         periods = limit_ns // (system.time_model.period_ns or inf)
         if number >= _MANY or growth.get(most, 1) > 1 or number > max(1, periods):
-            trend = f"; {before.get(most, 0):,} when half of the states were found"
+            trend = f"; {before.get(most, 0):,} in the first {states:,} states"
             yield (
                 f"{most} has had {number:,} values: bound it, or replace it after each turn "
                 f"(--abstract, abstract=)" + (trend if growth[most] > 1 else "")

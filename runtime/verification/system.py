@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _MOST_CHOICES = 100_000
 """Choices of the environment at one turn; far fewer already make too many states."""
-_SAMPLE, _PART = 1_000, 20
+_SAMPLE, _PART = 1_000, 25
 """Ringlets that are run again: so many or, if that is more, one of so many."""
 _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
@@ -107,6 +107,8 @@ class System:
         self.leavers: set[int] = set()
         """The machines that were found to leave the arrangement."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
+        self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
+        """A kept ringlet of each kind: from where to where, by which request and transition."""
         self._connect(sensors)
 
     def _connect(self, sensors: Mapping[Slot[Any] | str, Iterable[Any]]) -> None:
@@ -262,6 +264,12 @@ class System:
         if outcome.limits:
             self._learn_limits(place, outcome)
         self._kept[key] = (*kept, (elapsed_ns, others, outcome))
+        kind = (
+            *(place, control, request, outcome.control, outcome.others),
+            *(outcome.fired, outcome.error, len(outcome.posts)),
+        )
+        if kind not in self._kinds:
+            self._kinds[kind] = given, outcome
         self._learn_leavers((place, outcome.control), *outcome.others)
         return outcome
 
@@ -291,15 +299,11 @@ class System:
         That is states that no machine comes into, as "Machine.STATE", and transitions that never
         fire, as "Machine.STATE -> TARGET: label".
         """
-        ends = {
-            (place, outcome.control, outcome.others, outcome.fired)
-            for (place, *_), kept in self._kept.items()
-            for *_, outcome in kept
-        }
         stood = {(place, control) for place, (control, _) in enumerate(self.ringlets.initial)}
-        for place, control, others, _ in ends:
-            stood |= {(place, control), *others}
-        fired = {(place, way) for place, *_, way in ends}
+        fired = set()
+        for (place, *_), outcome in self._kinds.values():
+            stood |= {(place, outcome.control), *outcome.others}
+            fired.add((place, outcome.fired))
         unreached, untaken = [], []
         for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
             codes = self.ringlets.controls[place].values
@@ -347,27 +351,25 @@ class System:
         limit_ns, place = max(waits, default=(0, ""))
         return place, limit_ns
 
-    def sample(self) -> list[tuple[Given, RingletOutcome]]:
+    def sample(self) -> tuple[list[tuple[Given, RingletOutcome]], bool]:
         """Choose ringlets that were run, with their effects, to see whether they do the same again.
 
-        These are all, if there are few. Of many they are a random part, but some of each kind: the
-        machine's control state before and after, the transition that fired, the request, the posts.
+        These are all, if there are few; the second result is then True. Of many they are a random
+        part, and one of each kind: the machine's control state before and after, the transition
+        that fired, the request, the number of posts.
         """
-        kept = list(self._kept.items())
-        number = max(_SAMPLE, len(kept) // _PART)
-        if len(kept) > number:
-            kinds: dict[Hashable, tuple[_Key, tuple[_Kept, ...]]] = {}
-            for each in kept:
-                (place, control, *_, request, stopping), ((*_, outcome), *_) = each
-                ends = outcome.control, outcome.fired, outcome.error, len(outcome.posts)
-                kinds.setdefault((place, control, request, stopping, *ends), each)
-            few = [*kinds.values()][:number]
-            kept = few + random.Random(0).sample(kept, number - len(few))
-        return [
+        number = max(_SAMPLE, len(self._kept) // _PART)
+        if len(self._kept) <= number:
+            keys, few = list(self._kept), []
+        else:
+            few = [*self._kinds.values()][:number]
+            keys = random.Random(0).sample(list(self._kept), number - len(few))
+        sample = few + [
             (Given(*key[:3], elapsed_ns, key[3], others, *key[4:]), outcome)
-            for key, each in kept
-            for elapsed_ns, others, outcome in each
+            for key in keys
+            for elapsed_ns, others, outcome in self._kept[key]
         ]
+        return sample, len(keys) == len(self._kept)
 
     def is_settled(self, place: int, control: int, *, stopping: bool) -> tuple[bool, bool]:
         """Check as `Ringlets.is_settled` does; a monitor does not keep the execution alive."""

@@ -25,7 +25,7 @@ from llfsm.runtime.verification.packed_states import Effect, Fill
 from llfsm.runtime.verification.properties import LastAsk
 from llfsm.runtime.verification.system import Choice, RelearnError, System
 from llfsm.runtime.verification.time_model import Limits
-from llfsm.runtime.verification.twin import SPREAD, EffectTable
+from llfsm.runtime.verification.twin import SPREAD, EffectTable, States
 
 FieldName: TypeAlias = tuple[str, str]
 """A kind ("control", "variables", "elapsed", "slot", "seen", "stop", "failed") and a name."""
@@ -216,6 +216,10 @@ class Tables:
             (choice, outcome, self._effect(place, outcome, choice, contents))
             for choice, contents, outcome in turns
         ]
+
+    def failing(self, states: States) -> States:
+        """List the states in which code has raised."""
+        return self.intact.split(states)[1] if self.failed.most else states[:0]
 
     def stopping(self, state: int) -> bool:
         """Check that a stop has come."""

@@ -35,12 +35,13 @@ from llfsm.runtime.engine.failure import place_of
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import ringlet
+from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.engine.source_text import reaches_outside, reads_outside
 from llfsm.runtime.engine.state import State
-from llfsm.runtime.verification import values
 from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
 from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
-from llfsm.runtime.verification.ringlets import Ringlets
+from llfsm.runtime.verification.ringlets import GiveTurns, Ringlets
+from llfsm.runtime.verification.values import shuffled
 
 _LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
 _MACHINES: Final = os.path.join(_LLFSM, "machines", "")
@@ -53,6 +54,7 @@ _LIBRARIES: Final = (
 _ATOMS: Final = (int, str, bool, bytes, complex, type(None))
 _UNSEEN: Final = ("logging", "linecache", "tokenize", "llfsm.whiteboard", "llfsm.runtime")
 """Modules that read a clock or files for reports, which no code of a machine sees."""
+_SHUFFLING: Final = shuffled.__module__
 _STANDARD: Final = sys.stdlib_module_names
 _TRIES = 20
 _LEAST = 1_000
@@ -92,10 +94,12 @@ def check_determinism(ringlets: Ringlets, kept: Iterable[tuple[Given, RingletOut
         )
 
 
-def _again(ringlets: Ringlets, given: Given) -> RingletOutcome | None:
+def _again(
+    ringlets: Ringlets, given: Given, turns: GiveTurns | None = None
+) -> RingletOutcome | None:
     """Run a ringlet; return None if it asks about a machine about which it did not ask before."""
     try:
-        return ringlets.run_ringlet(given, copied=True)
+        return ringlets.run_ringlet(given, copied=True, turns=turns)
     except UnknownControlError:
         return None
 
@@ -112,7 +116,7 @@ def _place(ringlets: Ringlets, given: Given) -> str:
 
 
 def _watched(ringlets: Ringlets, given: Given) -> tuple[RingletOutcome | None, str]:
-    """Run a ringlet as `_again`; find the place of its first call of a clock or the like, if any."""
+    """Run a ringlet as `_again`; find its first call of a clock or the like."""
     calls: list[str] = []
 
     def watch(frame: FrameType, event: str, function: Any) -> None:
@@ -128,7 +132,7 @@ def _watched(ringlets: Ringlets, given: Given) -> tuple[RingletOutcome | None, s
             return
         inner, outer = frame, frame.f_back
         while outer is not None and outer.f_code is not ringlet.__code__:
-            if outer.f_globals.get("__name__") == values.__name__:
+            if outer.f_globals.get("__name__") == _SHUFFLING:
                 return  # a shuffled set, which shuffles
             inner, outer = outer, outer.f_back
         if outer is not None:
@@ -138,16 +142,18 @@ def _watched(ringlets: Ringlets, given: Given) -> tuple[RingletOutcome | None, s
             where = f"{inner.f_code.co_filename}:{inner.f_lineno}"
             calls.append(f"state {state}, {step}, calls {name} ({where})")
 
-    before, collects = sys.getprofile(), gc.isenabled()
-    gc.disable()  # what is called when garbage is collected is not the machine's code
-    sys.setprofile(watch)
-    try:
-        after = _again(ringlets, given)
-    finally:
-        sys.setprofile(before)
-        if collects:
-            gc.enable()
-    return after, calls[0] if calls else ""
+    def turns(seats: Iterable[Seat]) -> bool:
+        before, collects = sys.getprofile(), gc.isenabled()
+        gc.disable()  # what is called when garbage is collected is not the machine's code
+        sys.setprofile(watch)
+        try:
+            return ringlets.give_turns(seats)
+        finally:
+            sys.setprofile(before)
+            if collects:
+                gc.enable()
+
+    return _again(ringlets, given, turns), calls[0] if calls else ""
 
 
 def _steps(ringlets: Ringlets, given: Given) -> list[tuple[str, object]]:
