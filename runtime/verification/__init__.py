@@ -11,7 +11,7 @@
 
 Start at `exploring`. From the bottom up: `domains` and `values`; `environment` and `ringlets` (one
 ringlet from any control state), `time_model`, `system` (each ringlet once), `tables` (states as
-whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `deciding`;
+whole numbers), `packed_states` (many of them; its twin in C is `_states.c`), `breadth_first`; `properties`, `predicates`, `responses`, `deciding`;
 `unmodelled_state` and `space`.
 """
 
