@@ -1,8 +1,8 @@
 """Explore models of four shapes, each a process of its own, and the same in SPIN.
 
 What is compared is the user time of whole processes: the interpreter's start and all imports are
-part of it, as the start of SPIN's verifier is. That was compiled before, with -O2, and its table has
-room for the states.
+part of it, as the start of SPIN's verifier is. That was compiled before, with -O2, and its table
+has room for the states, of which there are about as many.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ SHAPES = {
     ),
     "many clocks": Shape(
         _clocks,
-        _in_turns("true -> n$ = (n$ < N -> n$ + 1 : N)", "n$ >= N -> n$ = 0; m$ = 1 - m$"),
+        _in_turns("true -> n$ = (n$ <= N -> n$ + 1 : n$)", "n$ > N -> n$ = 0; m$ = 1 - m$"),
         (12, 3),
         23,
         1.5,
