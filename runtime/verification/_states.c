@@ -210,6 +210,7 @@ static int states_contain(PyObject *object, PyObject *value)
 
 static PyType_Slot states_slots[] = {{Py_tp_new, make_states},
                                      {Py_tp_dealloc, drop_states},
+                                     {Py_tp_iter, PySeqIter_New},
                                      {Py_sq_length, states_len},
                                      {Py_sq_item, states_item},
                                      {Py_sq_contains, states_contain},
