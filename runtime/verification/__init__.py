@@ -11,8 +11,9 @@
 
 Start at `exploring`. From the bottom up: `domains` and `values`; `environment` and `ringlets` (one
 ringlet from any control state), `time_model`, `system` (each ringlet once), `tables` (states as
-whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `zones`, `deciding`;
-`unmodelled_state` and `space`.
+whole numbers), `packed_states` (many of them; its twin in C is `_states.c`),
+`breadth_first`; `properties`, `predicates`, `responses`, `zones`, `deciding`; `unmodelled_state`
+and `space`.
 """
 
 from llfsm.runtime.verification._exploring import explore, verify

@@ -15,6 +15,7 @@ from itertools import pairwise
 from math import inf
 
 from llfsm.runtime.verification._breadth_first import Level, Search, Successor
+from llfsm.runtime.verification._memory import is_memory_short
 from llfsm.runtime.verification._predicates import Checker
 from llfsm.runtime.verification._responses import (
     Holds,
@@ -50,6 +51,9 @@ from llfsm.runtime.verification.space import Progress
 _NOTHING = Responses(lambda _: True, (lambda _: False,))
 """What is always due and never comes: every cycle and every end is without it."""
 
+_LOOK_S = 0.2
+"""The time after which to look again whether memory is left."""
+
 
 class Decisions:
     """The verdicts of one exploration."""
@@ -68,12 +72,15 @@ class Decisions:
         self.complete = True
         """True unless the exploration was ended early."""
         self.cut = False
-        """True if Ctrl-C or the deadline has ended it, or the work after it."""
+        """True if Ctrl-C, the deadline or a lack of memory has ended it, or the work after it."""
         self._system = system
         self._properties = properties
         self._max_states = max_states
         self._max_seconds = max_seconds
         self._progress = progress
+        self.short_of_memory = False
+        """True if it was ended before memory was used up."""
+        self._look_s = _LOOK_S
         self._begin = time.monotonic()
         self._deadline_s = inf if max_seconds is None else self._begin + max_seconds
         system.ringlets.deadline.at_s = self._deadline_s
@@ -118,6 +125,11 @@ class Decisions:
             depth = len(search.levels) - 1
             now = Progress(search.states, search.transitions, depth, self.seconds)
             if self._progress(now) is False:
+                return False
+        if self.seconds >= self._look_s:
+            self._look_s = self.seconds + _LOOK_S
+            if is_memory_short():
+                self.cut = self.short_of_memory = True
                 return False
         return self._max_seconds is None or self.seconds < self._max_seconds
 
@@ -191,10 +203,9 @@ class Decisions:
         """Find the steps to a state or turn of the level that decides a property."""
         if prop.kind == "step":
             return self._find_step(prop, search, level)
-        failed = search.tables.failed.mask
         for turn, states in level.items():
             if prop is NO_FAILURE:
-                found = [s for s in states if s & failed]
+                found = search.tables.failing(states)
             else:
                 found = self._checkers[prop][0].select(states, self.named)
             if found:

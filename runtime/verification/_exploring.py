@@ -10,12 +10,14 @@ difference. What keeps this fast is that the machines' code is run only for dist
 3. `breadth_first` finds all states by levels; `predicates` and `deciding` check the properties of
    each level, and `responses` those of liveness at the end.
 4. All this is right only if a ringlet does the same whenever it is given the same. So at the end
-   `unmodelled_state` runs every kept one again, and looks for state that is kept elsewhere.
+   `unmodelled_state` runs them again, of many a sample, and looks for state that is kept elsewhere.
 """
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import chain
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal
@@ -42,6 +44,9 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Factory
     from llfsm.whiteboard import Slot
 
+_YOUNG = 50_000
+"""Objects that are made before garbage is looked for among them."""
+
 
 def explore(
     machines: Factory | Iterable[Factory | Member],
@@ -62,7 +67,8 @@ def explore(
     """Find all states that the machines can reach, and return the space with the verdicts.
 
     The exploration ends early once every property is decided, if there are any; by `max_states` or
-    `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
+    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their
+    turns.
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
@@ -122,16 +128,19 @@ def explore(
 def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
     """Find all states, check that nothing was left out of them, and decide the properties."""
     unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
-    search = search_states(
-        system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
-    )
-    ringlets = system.ringlets.executed
+    with _seldom_collected():
+        search = search_states(
+            system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
+        )
+    ringlets, repeated = system.ringlets.executed, 0
     if search.interrupted:
         decisions.end()
     else:
         unmodelled.check()
         try:
-            check_determinism(system.ringlets, system.kept())
+            sample, is_whole = system.sample()
+            check_determinism(system.ringlets, iter(sample))
+            repeated = ringlets if is_whole else len(sample)
         except ENDINGS:
             decisions.end()
     verdicts = tuple(decisions.verdicts(search))
@@ -142,9 +151,22 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
         verdicts,
         decisions.seconds,
         ringlets=ringlets,
+        repeated=repeated,
         complete=decisions.complete,
         cut=decisions.cut,
+        short_of_memory=decisions.short_of_memory or search.out_of_memory,
     )
+
+
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Let garbage be looked for less often: what is kept is no garbage, and much is made."""
+    young, *older = gc.get_threshold()
+    gc.set_threshold(young and max(young, _YOUNG), *older)
+    try:
+        yield
+    finally:
+        gc.set_threshold(young, *older)
 
 
 def verify(

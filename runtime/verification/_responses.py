@@ -23,6 +23,7 @@ from itertools import accumulate, chain, repeat
 from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.verification._breadth_first import Search
+from llfsm.runtime.verification._twin import States
 
 Node: TypeAlias = tuple[int, int, int]
 """Whose turn is next, the state, and the stage: how many responses have come."""
@@ -254,7 +255,7 @@ class Trap(NamedTuple):
     states: int
 
 
-def no_way_out(search: Search, goals: Callable[[list[int]], Iterable[int]]) -> Trap | None:
+def no_way_out(search: Search, goals: Callable[[States], Iterable[int]]) -> Trap | None:
     """Find the nearest state from which no way leads to a goal; None if there is none.
 
     `goals` selects those of some states that are goals.

@@ -10,7 +10,7 @@ order in which they are found, so that a ringlet's effects are a small tuple.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
@@ -33,6 +33,7 @@ from llfsm.runtime.verification.environment import (
 )
 from llfsm.runtime.verification.errors import UnsupportedError
 from llfsm.runtime.verification.values import (
+    PLAIN,
     Codes,
     UnknownValueError,
     Variables,
@@ -49,6 +50,12 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Machine)
 Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 """By "Machine.variable", functions that replace its value after each turn."""
+
+
+GiveTurns: TypeAlias = Callable[[Iterable[Seat]], bool]
+"""Gives seats their turns; True if a transition fired in any."""
+_Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool]
+"""A control state with the bound states themselves: where a seat stands."""
 
 
 class TimeUpError(Exception):
@@ -131,6 +138,15 @@ class Ringlets(Control):
         self.executed = 0
         self.deadline = Deadline()
         self._ports = [self._ports_of(seat) for seat in self.seats]
+        self._actuators = [
+            [(name, ports[name]) for name in type(seat.machine).table.actuators]
+            for seat, ports in zip(self.seats, self._ports, strict=True)
+        ]
+        self._no_variables = [ports.keys() | {"stopping"} for ports in self._ports]
+        self._standings: list[dict[_Standing, int]] = [{} for _ in self.seats]
+        """For each machine, the numbers of its control states, as a seat has them."""
+        self._orders: dict[tuple[str, ...], tuple[str, ...]] = {}
+        """Names of variables in the order of the alphabet."""
         self._abstract: list[dict[str, Callable[[Any], Any]]] = [{} for _ in self.seats]
         for name, function in abstract.items():
             self._add_abstraction(name, function)
@@ -148,78 +164,96 @@ class Ringlets(Control):
             codes.code(None, None)
         return 0 if message is None else codes.code(freeze(message, _ignore), message)
 
-    def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
+    def run_ringlet(
+        self, given: Given, *, copied: bool = False, turns: GiveTurns | None = None
+    ) -> RingletOutcome:
         """Run a ringlet and return its effects; if `copied`, it gets copies with shuffled sets.
+
+        `turns` is called in the place of `give_turns`.
 
         Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
         machine that `others` lacks, and `TimeUpError` after the deadline.
         """
         self.deadline.check()
-        environment, seat = self.environment, self.seats[given.place]
-        others = dict(given.others)
-        for other, its in given.others:
-            self._set_control(other, self.controls[other].values[its])
-        was: ControlState = self.controls[given.place].values[given.control]
-        self._set_control(given.place, was)
-        if given.request is not None:
-            if was.withdrawn_by(given.request):
+        place, control, _, elapsed_ns, contents, others, request, stopping = given
+        environment, seat = self.environment, self.seats[place]
+        for other, its in others:
+            self._set_control(other, its)
+        was: ControlState = self.controls[place].values[control]
+        self._set_control(place, control)
+        if request is not None:
+            if was.withdrawn_by(request):
                 seat.schedule(Request.SUSPEND)
-            seat.schedule(given.request)
+            seat.schedule(request)
         self._set_variables(given, other_copy if copied else deepcopy)
-        self.kernel.stopping = given.stopping
-        for slot, content in given.contents:
+        self.kernel.stopping = stopping
+        for slot, content in contents:
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
-        environment.begin(seat.name, given.elapsed_ns if was.entered else None)
+        environment.begin(seat.name, elapsed_ns if was.entered else None)
         self.kernel.error = None
         self.executed += 1
-        fired = self.kernel.give_turns((seat,))
-        self._check_ports(given.place)
-        known = environment.touched & self.places.keys()  # others are refused
-        touched = {self.places[name] for name in known} - {given.place}
-        if not touched <= others.keys():
-            raise UnknownControlError(touched)
+        fired = (turns or self.kernel.give_turns)((seat,))
+        self._check_ports(place)
+        asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
         if environment.refusal is not None:
             raise environment.refusal
         clock_state, error = seat.previous, self.kernel.error
-        after = [(other, self._control_of(other)) for other in sorted(touched)]
         return RingletOutcome(
             environment.low_ns,
             environment.high_ns,
-            tuple((other, others[other]) for other in sorted(touched)),
-            self._control_of(given.place),
-            self._variables_of(given.place),
+            asked,
+            self._control_of(place),
+            self._variables_of(place),
             seat.entered_ns != environment.entered
             or seat.current is not clock_state
             or not seat.taken,
             self._posts(),
-            tuple((other, its) for other, its in after if its != others[other]),
+            changed,
             tuple(
-                (clock_state.name if entered and clock_state else was.current, limit)
-                for entered, limit in environment.limits
+                [
+                    (clock_state.name if entered and clock_state else was.current, limit)
+                    for entered, limit in environment.limits
+                ]
             ),
             _fired(seat, clock_state) if fired and clock_state is not None else None,
             0 if error is None else self.errors.code(str(error), error),
         )
 
+    def _touched(
+        self, place: int, others: Mapping[int, int]
+    ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]:
+        """List the other machines that were asked for or changed, and the control states of both.
+
+        Raise `UnknownControlError` for those whose control states were not given in `others`.
+        """
+        known = self.environment.touched & self.places.keys()  # others are refused
+        touched = sorted({self.places[name] for name in known} - {place})
+        if not others.keys() >= set(touched):
+            raise UnknownControlError({*touched})
+        after = [(other, self._control_of(other)) for other in touched]
+        asked = tuple((other, others[other]) for other in touched)
+        return asked, tuple((other, its) for other, its in after if its != others[other])
+
     def _check_ports(self, place: int) -> None:
         """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
-        machine = self.seats[place].machine
-        kept = {"stopping": self.kernel.stopping}
-        if self.seats[place].taken:  # else its actuators are closed
-            kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
-        for name, value in kept.items():
-            if vars(machine).get(name) is not value and self.environment.refusal is None:
-                self.environment.refusal = UnsupportedError(
-                    f"{machine.name} assigns to its {name!r}: this cannot be explored"
-                )
+        seat = self.seats[place]
+        attributes = vars(seat.machine)
+        wrong = [] if attributes.get("stopping") is self.kernel.stopping else ["stopping"]
+        if seat.taken:  # else its actuators are closed
+            wrong += [n for n, port in self._actuators[place] if attributes.get(n) is not port]
+        if wrong and self.environment.refusal is None:
+            self.environment.refusal = UnsupportedError(
+                f"{seat.name} assigns to its {wrong[0]!r}: this cannot be explored"
+            )
 
     def fingerprint(self, place: int) -> object:
         """Return the changes that a ringlet under way has made so far, as a comparable value."""
         return self._control_of(place), self._variables_of(place), self._posts()
 
     def _posts(self) -> tuple[tuple[str, int], ...]:
-        return tuple((slot, self.message(slot, m)) for slot, m in self.environment.posted.items())
+        posted = self.environment.posted
+        return tuple([(slot, self.message(slot, m)) for slot, m in posted.items()])
 
     def is_settled(
         self, place: int, control: int, *, stopping: bool, may_stop: bool
@@ -242,7 +276,7 @@ class Ringlets(Control):
     def waits(self, place: int, control: int) -> bool:
         """Check that a machine is suspended, and that anybody may wake it or leave it so."""
         seat = self.seats[place]
-        self._set_control(place, self.controls[place].values[control])
+        self._set_control(place, control)
         return seat.taken and seat.suspended and seat.name in self._controlled
 
     # A machine is loaded here only if its control state was given, so it is noted before anything
@@ -331,8 +365,9 @@ class Ringlets(Control):
 
     # Control states and variables
 
-    def _set_control(self, place: int, control: ControlState) -> None:
+    def _set_control(self, place: int, number: int) -> None:
         seat, roster = self.seats[place], self.roster
+        control: ControlState = self.controls[place].values[number]
         states = seat.states
         seat.current = states.get(control.current, seat.suspension)
         previous = control.previous
@@ -353,8 +388,17 @@ class Ringlets(Control):
                 roster.remove(seat)
 
     def _control_of(self, place: int) -> int:
-        control = ControlState.of(self.seats[place])
-        return self.controls[place].code(control, control)
+        seat = self.seats[place]
+        begun = seat.entered_ns != NEVER
+        standing = (
+            *(seat.current, seat.previous, seat.remembered),
+            *(seat.request, seat.accepted, seat.taken, begun),
+        )
+        number = self._standings[place].get(standing)
+        if number is None:
+            control = ControlState.of(seat)
+            number = self._standings[place][standing] = self.controls[place].code(control, control)
+        return number
 
     def _ports_of(self, seat: Seat) -> dict[str, Any]:
         attributes, table = vars(seat.machine), type(seat.machine).table
@@ -378,44 +422,55 @@ class Ringlets(Control):
         attributes.update(copy(values) if has_parts else values)
 
     def _variables_of(self, place: int) -> int:
-        machine, ports = self.seats[place].machine, self._ports[place]
-        values = {
-            name: value
-            for name, value in vars(machine).items()
-            if name not in ports and name != "stopping"
-        }
-        for name, function in self._abstract[place].items():
-            if name not in values:
-                raise UnsupportedError(
-                    f"abstract names {machine.name}.{name}, which {machine.name} does not have; "
-                    f"its variables are: {', '.join(values) or 'none'}"
-                )
-            try:
-                values[name] = function(values[name])
-            except Exception as error:  # a function of the user's may raise anything
-                raise UnsupportedError(
-                    f"abstract: the function of {machine.name}.{name} raised "
-                    f"{type(error).__name__} for {values[name]!r}: {error}"
-                ) from error
+        machine, ports = self.seats[place].machine, self._no_variables[place]
+        values = {name: value for name, value in vars(machine).items() if name not in ports}
+        if self._abstract[place]:
+            self._replace(values, machine.name, self._abstract[place])
+        names = tuple(values)
+        order = self._orders.get(names)
+        if order is None:
+            order = self._orders[names] = tuple(sorted(names))
         parts: list[Any] = []
-        key = []
-        for name in sorted(values):
+        key: list[Hashable] = []
+        for name in order:
+            value = values[name]
+            kind = type(value)
+            if kind in PLAIN:  # as most are, and as `freeze` does it
+                key.append((kind, value))
+                continue
             try:
-                key.append((name, freeze(values[name], parts.append)))
+                key.append(freeze(value, parts.append))
             except (UnknownValueError, RecursionError) as error:
                 what = error if isinstance(error, UnknownValueError) else "nested without end"
                 raise UnsupportedError(
                     f"{machine.name}.{name} is {what}: only data can be explored; give "
                     f'abstract={{"{machine.name}.{name}": function}} to replace it'
                 ) from None
-        self._check_apart(machine.name, parts)
+        if parts:
+            self._check_apart(machine.name, parts)
         codes = self.variables[place]
         known = len(codes)
-        code = codes.code(tuple(key), None)
+        code = codes.code((order, tuple(key)), None)
         if code == known:
             kept: Variables = deepcopy(values) if parts else values, bool(parts)
             codes.values[code] = kept
         return code
+
+    def _replace(self, values: dict[str, Any], machine: str, functions: Abstraction) -> None:
+        """Replace variables by what the abstractions make of them."""
+        for name, function in functions.items():
+            if name not in values:
+                raise UnsupportedError(
+                    f"abstract names {machine}.{name}, which {machine} does not have; "
+                    f"its variables are: {', '.join(values) or 'none'}"
+                )
+            try:
+                values[name] = function(values[name])
+            except Exception as error:  # a function of the user's may raise anything
+                raise UnsupportedError(
+                    f"abstract: the function of {machine}.{name} raised "
+                    f"{type(error).__name__} for {values[name]!r}: {error}"
+                ) from error
 
     def _check_apart(self, machine: str, parts: list[Any]) -> None:
         """Refuse variables that share what can change: here each has a copy of its own."""

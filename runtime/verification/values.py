@@ -77,7 +77,8 @@ def plain_kind(value: Any) -> Any:
     return _UNSHUFFLED.get(type(value), type(value))
 
 
-_PLAIN = (bool, int, str, bytes, type(None))
+PLAIN: Final = frozenset((bool, int, str, bytes, type(None)))
+"""The types whose values are part of a key as they are."""
 
 Variables: TypeAlias = tuple[dict[str, Any], bool]
 """A machine's variables by name, and True if any has parts that `freeze` notes."""
@@ -97,6 +98,10 @@ class Codes:
     def __len__(self) -> int:
         return len(self.values)
 
+    def keys(self) -> Iterator[Any]:
+        """Yield the keys in the order of their numbers."""
+        yield from self._codes
+
     def code(self, key: Hashable, value: Any) -> int:
         """Give `key` its number; if it is new, keep `value` for it in `values`."""
         code = self._codes.get(key)
@@ -112,7 +117,7 @@ def freeze(value: Any, note: Callable[[Any], None]) -> Hashable:
     Raise `UnknownValueError` for what is not data, such as a function or a file.
     """
     kind = plain_kind(value)
-    if kind in _PLAIN:
+    if kind in PLAIN:
         return kind, value
     if kind is float:
         return kind, value.hex()  # which differs for NaN, -0.0 and 0.0

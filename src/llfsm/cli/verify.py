@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 _EVERYTHING = reachable(lambda _: False, "every state")
 """A property that is not decided before all states are found, as an export needs them."""
+_SHOWN_S = 0.1  # from one update of the progress to the next
 _STDOUT = Path("-")
 _RECORDING = ".mcap"
 _FILE = ".toml"
@@ -219,9 +220,17 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], object]]:
 
     console = Console(stderr=True, quiet=quiet or not sys.stderr.isatty())
     with console.status("exploring") as status:
-        yield lambda now: status.update(
-            f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
-        )
+        shown = 0.0
+
+        def show(now: Progress) -> None:
+            nonlocal shown
+            if now.seconds - shown >= _SHOWN_S:
+                shown = now.seconds
+                status.update(
+                    f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
+                )
+
+        yield show
 
 
 def _why(wanted: Verification, space: Space) -> str:
@@ -230,6 +239,8 @@ def _why(wanted: Verification, space: Space) -> str:
         return f"there are {wanted.max_states:,} or more (max_states)"
     if wanted.max_seconds is not None and space.seconds >= wanted.max_seconds:
         return f"it took longer than {wanted.max_seconds:g} s (max_seconds)"
+    if space.short_of_memory:
+        return "little memory is left"
     if space.cut:
         return "interrupted"
     return "the times of the way to a violation are not possible; give --period-ms"
@@ -444,7 +455,7 @@ def as_text(
     """
     lines = [
         f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
-        f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
+        f"{space.ringlets:,} ringlets run{_sampled(space)}, in {space.seconds:.1f} s; "
         + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
     ]
     if ended:
@@ -467,6 +478,13 @@ def as_text(
     return "\n".join(lines)
 
 
+def _sampled(space: Space) -> str:
+    """Write how many ringlets were run again, unless all were, or the exploration ended early."""
+    if not 0 < space.repeated < space.ringlets:
+        return ""
+    return f" ({space.repeated:,} of them again, to see whether they do the same)"
+
+
 def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
     """Make the report as data for JSON; `ended` is as for `as_text`."""
     return {
@@ -474,6 +492,7 @@ def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
         "transitions": space.transitions,
         "depth": space.depth,
         "ringlets": space.ringlets,
+        "repeated": space.repeated,
         "seconds": round(space.seconds, 3),
         "period_ms": period_ms,
         "complete": space.complete,

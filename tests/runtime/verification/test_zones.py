@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from clocked_machines import ring
 from llfsm.runtime import Machine, State, define
 from llfsm.runtime.counterexamples import replay
-from llfsm.runtime.verification import Member, Property, explore, leads_to, never, zones
+from llfsm.runtime.verification import Member, Property, _zones, explore, leads_to, never
 from llfsm.runtime.verification._breadth_first import Search
 from llfsm.runtime.verification._zones import Zone, constrained, delayed
 from thoroughness import examples
@@ -161,7 +161,7 @@ def test_it_makes_no_difference_how_many_zones_are_kept_first(seed: int) -> None
     verdicts = []
     for rooms in ((1, 10, 100, inf), (inf,), (2, inf)):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(zones, "ROOMS", rooms)
+            patch.setattr(_zones, "ROOMS", rooms)
             found = explore(machines, any_time=True, properties=sought).verdicts
             verdicts.append([verdict.holds for verdict in found])
     assert verdicts[0] == verdicts[1] == verdicts[2]
@@ -186,7 +186,7 @@ def blinker(ms: int) -> type[Machine]:
 
 def test_six_clocks_are_decided_though_four_only_blink(monkeypatch: pytest.MonkeyPatch) -> None:
     """By all zones there would be a hundred thousand."""
-    monkeypatch.setattr(zones, "MOST_ZONES", 10_000)
+    monkeypatch.setattr(_zones, "MOST_ZONES", 10_000)
     blinkers = [Member(blinker(5 + 2 * n), name=f"L{n}") for n in range(4)]
     machines = [one_shot("A", 10), one_shot("B", 20), *blinkers]
     order = never(lambda v: v.B.state == "DONE" and v.A.state == "WAIT")
@@ -195,7 +195,7 @@ def test_six_clocks_are_decided_though_four_only_blink(monkeypatch: pytest.Monke
 
 
 def test_it_is_undecided_if_there_are_too_many_zones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zones, "MOST_ZONES", 2)
+    monkeypatch.setattr(_zones, "MOST_ZONES", 2)
     order = never(lambda v: v.B.state == "DONE" and v.A.state == "WAIT")
     machines = [one_shot("A", 10), one_shot("B", 20)]
     (verdict,) = explore(machines, any_time=True, properties=[order]).verdicts
