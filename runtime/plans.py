@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 import msgspec
 
 from llfsm.errors import did_you_mean, nearby_file
-from llfsm.runtime.engine.arrangement import Arrangement
+from llfsm.runtime.engine.arrangement import Arrangement, OnError
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
 from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.engine.machine import Machine
@@ -112,7 +112,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     wake: bool = True
     period_us: Positive | None = None
     unload_accepting: bool = True
-    on_error: Literal["stop", "suspend"] = "stop"
+    on_error: OnError = "stop"
     watchdog_ms: Positive | None = None
     realtime: Annotated[int, msgspec.Meta(ge=1, le=99)] | None = None
     cpu: NotNegative | None = None

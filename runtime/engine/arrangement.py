@@ -65,6 +65,8 @@ Factory: TypeAlias = Callable[[], Machine]
 Library: TypeAlias = Mapping[str, Factory] | Callable[[str], Factory | None]
 """Where machines are found by name: a mapping, or a function that returns None for no machine."""
 Loadable: TypeAlias = str | type[Machine] | Machine
+OnError: TypeAlias = Literal["stop", "suspend"]
+"""What comes of code that raises: the end, or a suspension of its machine."""
 
 
 class LoadOptions(TypedDict, total=False):
@@ -267,7 +269,7 @@ class Arrangement(Rotation, Observed, Control):
         timed: bool = False,
         unload_accepting: bool = True,
         library: Library | None = None,
-        on_error: Literal["stop", "suspend"] = "stop",
+        on_error: OnError = "stop",
         watchdog_ms: float | None = None,
         realtime: int | None = None,
         cpu: int | None = None,
@@ -544,13 +546,17 @@ class Arrangement(Rotation, Observed, Control):
             self.end(Reason.FAILED)
             raise error
         logger().error("%s", error, exc_info=error)
+        self.set_aside(seat)
+        if self.observers:
+            self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
+
+    def set_aside(self, seat: Seat) -> None:
+        """Suspend a machine that has failed; unload it if it is suspended."""
         if seat.suspended:
             self._leaving.append(seat)
             self._let_go()
         else:
             seat.suspend()
-        if self.observers:
-            self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
     def _let_go(self) -> None:
         """Unload those that asked for it and whose ringlet is over."""

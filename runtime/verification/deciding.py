@@ -10,12 +10,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import inf
 
 from llfsm.runtime.verification.breadth_first import Level, Search, Successor
 from llfsm.runtime.verification.predicates import Checker
-from llfsm.runtime.verification.properties import NO_FAILURE, ChosenTurn, Property, Verdict, Witness
+from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
+    ChosenTurn,
+    Property,
+    Verdict,
+    Witness,
+    some_failed,
+)
 from llfsm.runtime.verification.responses import (
     Lasso,
     Node,
@@ -58,6 +65,7 @@ class Decisions:
         self._deadline_s = inf if max_seconds is None else self._begin + max_seconds
         system.ringlets.deadline.at_s = self._deadline_s
         self._checkers = {prop: _checkers_of(prop) for prop in properties}
+        self._set_aside = Checker(NO_FAILURE, some_failed, sought=True)
         self._sources: dict[Property, list[list[Node]]] = {}
         self._witnesses: dict[Property, Witness] = {}
         self._doubtful: set[Property] = set()  # the way that was found is not possible in time
@@ -71,9 +79,8 @@ class Decisions:
         """Forget all that was decided: the exploration begins again with other tables."""
         self._witnesses, self._doubtful = {}, set()
         self._sources = {prop: [] for prop in self._properties if prop.kind == "leads_to"}
-        for checkers in self._checkers.values():
-            for checker in checkers:
-                checker.restart(tables)
+        for checker in chain([self._set_aside], *self._checkers.values()):
+            checker.restart(tables)
 
     def look(self, search: Search, level: Level) -> bool:
         """Check the states of a level; return True to go on."""
@@ -112,6 +119,19 @@ class Decisions:
                 yield Verdict(prop, None, None)
 
     def _verdict(self, prop: Property, search: Search) -> Verdict:
+        """Decide a property; what no way shows is not known if all ends where code raises."""
+        verdict = self._verdict_of_states(prop, search)
+        if verdict.witness is None and prop is not NO_FAILURE and self._has_failed(search):
+            return Verdict(prop, None, None)
+        return verdict
+
+    def _has_failed(self, search: Search) -> bool:
+        mask = search.tables.failed.mask
+        return bool(mask) and any(
+            s & mask for level in search.levels for states in level.values() for s in states
+        )
+
+    def _verdict_of_states(self, prop: Property, search: Search) -> Verdict:
         if prop.kind == "leads_to":
             return self._decide_response(prop, search)
         known = self.complete
@@ -140,7 +160,8 @@ class Decisions:
 
     def _decides(self, prop: Property, search: Search, step: Successor) -> bool:
         if prop is NO_FAILURE:
-            return bool(step.state & search.tables.failed.mask)
+            failed = step.state & search.tables.failed.mask
+            return bool(failed or self._set_aside.select([step.state], self.named))
         checker = self._checkers[prop][0]
         if prop.kind == "step":
             return bool(checker.select_pairs([(step.ready, step.state)], self.named))
@@ -154,6 +175,7 @@ class Decisions:
         for turn, states in level.items():
             if prop is NO_FAILURE:
                 found = [s for s in states if s & failed]
+                found = found or self._set_aside.select(states, self.named)
             else:
                 found = self._checkers[prop][0].select(states, self.named)
             if found:

@@ -21,7 +21,7 @@ from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import ringlet
-from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.engine.seat import Failure, Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -38,9 +38,11 @@ from llfsm.runtime.verification.values import (
     Variables,
     freeze,
     other_copy,
+    own_copy,
 )
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import OnError
     from llfsm.runtime.engine.events import Status
     from llfsm.runtime.engine.machine import Submachine
     from llfsm.runtime.engine.seat import BoundState
@@ -55,6 +57,8 @@ class TimeUpError(Exception):
     """The time to explore is over."""
 
 
+_FAILURE = Failure(ExecutionError("", "", "", "", None, None), NEVER)
+"""The failure of every machine that has failed: what its code raised is no part of a state."""
 ENDINGS = (KeyboardInterrupt, TimeUpError)
 """The exceptions that end an exploration: a property that is not decided by then is undecided."""
 
@@ -76,7 +80,7 @@ class Ringlets(Arrangement):
     """An arrangement that runs ringlets from any control state.
 
     Of the machines, the last `watchers` are monitors; anybody may suspend, resume or restart those
-    that `controlled` names.
+    that `controlled` names. Of `on_error`, monitors know "stop" alone.
     """
 
     environment: ExploredEnvironment
@@ -88,12 +92,18 @@ class Ringlets(Arrangement):
         *,
         watchers: int,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Abstraction,
         controlled: Iterable[str],
     ):
-        super().__init__(environment=ExploredEnvironment(), unload_accepting=unload_accepting)
+        super().__init__(
+            environment=ExploredEnvironment(),
+            unload_accepting=unload_accepting,
+            on_error=on_error,
+        )
         self._controlled = frozenset(controlled)
         self._error: ExecutionError | None = None
+        self._raised_in: BoundState | None = None
         self._complete = False
         for member in members:
             member.load(self)
@@ -152,7 +162,7 @@ class Ringlets(Arrangement):
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
         environment.begin(seat.name, given.elapsed_ns if was.entered else None)
-        self._error = None
+        self._error = self._raised_in = None
         self.executed += 1
         fired = self.give_turns((seat,))
         self._check_ports(given.place)
@@ -162,7 +172,7 @@ class Ringlets(Arrangement):
             raise UnknownControlError(touched)
         if environment.refusal is not None:
             raise environment.refusal
-        clock_state = seat.previous
+        clock_state = self._raised_in or seat.previous
         after = [(other, self._control_of(other)) for other in sorted(touched)]
         return RingletOutcome(
             environment.low_ns,
@@ -210,15 +220,16 @@ class Ringlets(Arrangement):
         They differ where a request from outside does, if it is there when the round is over: to
         suspend one that accepts, or to resume or restart one that is suspended; a suspend also
         withdraws what would wake it. Unless a stop has come, or may at that moment, one that is
-        suspended does without it, as if that was asked from outside.
+        suspended does without it, as if that was asked from outside. One that has failed keeps it
+        alive, until a stop, if some other process can resume it, which is not known.
         """
         seat = self.seats[place]
         if self.waits(place, control):
             return (stopping or may_stop) and seat.entered_ns != NEVER, False
         if not seat.taken:
             return True, True
-        controlled = seat.name in self._controlled
-        return seat.settled, seat.settled and (stopping or not controlled)
+        held = seat.name in self._controlled or seat.failure is not None
+        return seat.settled, seat.settled and (stopping or not held)
 
     def waits(self, place: int, control: int) -> bool:
         """Check that a machine is suspended, and that anybody may wake it or leave it so."""
@@ -318,10 +329,15 @@ class Ringlets(Arrangement):
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Keep what a machine's code raised; the machine stays as it is."""
+        """Keep what a machine's code raised, with which all ends; or suspend the machine."""
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
             raise error.__cause__
-        self._error = error
+        if self.on_error == "stop" or seat.name in self.environment.watchers:
+            self._error = error
+            return
+        self._raised_in = seat.previous
+        seat.fail(_FAILURE)
+        self.set_aside(seat)
 
     # Control states and variables
 
@@ -335,7 +351,7 @@ class Ringlets(Arrangement):
         seat.request = control.request
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
-        seat.failure = None
+        seat.failure = _FAILURE if control.failed else None
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:
@@ -397,17 +413,19 @@ class Ringlets(Arrangement):
             try:
                 key.append((name, freeze(values[name], parts.append)))
             except (UnknownValueError, RecursionError) as error:
-                what = error if isinstance(error, UnknownValueError) else "nested without end"
-                raise UnsupportedError(
-                    f"{machine.name}.{name} is {what}: only data can be explored; give "
-                    f'abstract={{"{machine.name}.{name}": function}} to replace it'
-                ) from None
+                raise _no_data(machine, name, error) from None
         self._check_apart(machine.name, parts)
         codes = self.variables[place]
         known = len(codes)
         code = codes.code(tuple(key), None)
         if code == known:
-            kept: Variables = deepcopy(values) if parts else values, bool(parts)
+            if parts:
+                for name, value in values.items():
+                    try:
+                        values[name] = own_copy(value)
+                    except UnknownValueError as error:
+                        raise _no_data(machine, name, error) from None
+            kept: Variables = values, bool(parts)
             codes.values[code] = kept
         return code
 
@@ -421,6 +439,14 @@ class Ringlets(Arrangement):
         for part in changing:
             if (owner := owners.setdefault(part, machine)) != machine:
                 raise UnsupportedError(f"{owner} and {machine} {text}: use a slot for that")
+
+
+def _no_data(machine: Machine, name: str, error: Exception) -> UnsupportedError:
+    what = error if isinstance(error, UnknownValueError) else "nested without end"
+    return UnsupportedError(
+        f"{machine.name}.{name} is {what}: only data can be explored; give "
+        f'abstract={{"{machine.name}.{name}": function}} to replace it'
+    )
 
 
 def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:

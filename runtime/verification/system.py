@@ -33,6 +33,7 @@ from llfsm.runtime.verification.time_model import Limits, TimeModel
 from llfsm.runtime.verification.values import freeze
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import OnError
     from llfsm.whiteboard import Slot
 
 
@@ -73,6 +74,7 @@ class System:
         suspend: Iterable[str],
         by_rounds: bool,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Mapping[str, Callable[[Any], Any]],
     ):
         self.time_model = time_model
@@ -83,6 +85,7 @@ class System:
             members,
             watchers=watchers,
             unload_accepting=unload_accepting,
+            on_error=on_error,
             abstract=abstract,
             controlled=self.suspend,
         )

@@ -277,6 +277,7 @@ def _write(
             plan=subject.plan_with(space.members),
             folder=subject.folder,
             unload_accepting=space.unload_accepting,
+            on_error=space.on_error,
         )
         click.echo(f"{recording}: recorded how {first.property} is violated", err=True)
     if tests is not None:
@@ -473,7 +474,12 @@ def _story(space: Space, witness: Witness) -> list[str]:
     if not number:
         return ["  in the initial state"]
     script = script_of(witness, space.slots)
-    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    rows = rows_of(
+        space.members,
+        script,
+        unload_accepting=space.unload_accepting,
+        on_error=space.on_error,
+    )
     table = table_of(rows[:number], number - 1)
     lines = [f"  after {number} turn{'s' if number != 1 else ''}:", indent(table, "  ")]
     if witness.loop is not None:

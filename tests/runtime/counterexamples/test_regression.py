@@ -107,6 +107,7 @@ def test_every_counterexample_replays_in_every_way(situation: Situation, any_tim
             suspend=situation.may.suspend,
             choices="rounds" if situation.may.by_rounds else "turns",
             unload_accepting=situation.unload_accepting,
+            on_error=situation.on_error,
             max_states=1_000,
         )
     except UnsupportedError:
