@@ -102,8 +102,8 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
         known = (least is None) == (verdict.property.kind == "never")
         assert verdict.holds is (None if naive.fails and least is None else known)
         assert (verdict.witness and len(verdict.witness.turns)) == least
-    known = [None if naive.fails and each else each for each in expected]
-    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == known
+    decided = [None if naive.fails and each else each for each in expected]
+    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
 
 
 def _depth(naive: Explored, holds: Naively) -> int | None:

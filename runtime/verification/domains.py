@@ -120,14 +120,13 @@ def _count(info: msgspec.inspect.Type, what: str) -> int:
 
 def _count_members(cls: type[Enum], what: str) -> int:
     """Count what a board takes for a member, for which it asks the class, too (`_missing_`)."""
-    flag = issubclass(cls, Flag)
-    known = Flag if flag else Enum
+    known = Flag if issubclass(cls, Flag) else Enum
     if getattr(cls._missing_, "__func__", None) is not vars(known)["_missing_"].__func__:
         raise DomainError(
             f"every({what}): {cls.__qualname__}._missing_ may accept more than its members: list "
             f"the messages that matter instead"
         )
-    if not flag:
+    if not issubclass(cls, Flag):
         return len(cls)
     if getattr(cls, "_boundary_") in (KEEP, EJECT):  # noqa: B009, of which typeshed says nothing
         raise DomainError(
