@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from textwrap import indent
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import click
 import msgspec
@@ -23,6 +23,7 @@ from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.cli.options import Integer, Number
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
+from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import (
     NO_FAILURE,
@@ -36,11 +37,36 @@ from llfsm.runtime.verification import (
     reachable,
 )
 from llfsm.runtime.verification.domains import domain_of
+from llfsm.runtime.verification.exploring import ExploreOptions
 from llfsm.runtime.verification.space import EXPORTS
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
+_COVERED: Final[dict[type, frozenset[str]]] = {
+    Plan: frozenset(
+        {
+            *("machines", "period_us", "idle_us", "unload_accepting", "on_error", "verify"),
+            *("board", "wake", "realtime", "cpu", "debug_clock", "breakpoints", "will_after_ms"),
+        }
+    ),
+    PlannedMachine: frozenset({"definition", "name", "suspended", "variables", "slots"}),
+}
+"""The options of a file that an exploration takes as they are, or that change nothing of it.
+
+Those of the second line change where and when machines run, but not what they do in their rounds.
+"""
+_ASSUMED: Final = {
+    "watchdog_ms": "no code runs for longer than watchdog_ms, so that no watchdog posts",
+    "on_pause": "no debugger pauses the machines, and posts safe values",
+}
+"""What is assumed where such an option is set, as no exploration includes it."""
+_REFUSED: Final = {
+    "preload": "is preloaded: machines that load others while they run cannot be verified",
+    "period_us": "has a period of its own: timetables cannot be verified; give one period to all "
+    "machines",
+}
+"""Why options cannot be verified. Any that is in none of these tables is refused, too."""
 _VERDICTS = {True: "holds", False: "violated", None: "undecided"}
 _EVERYTHING = reachable(lambda _: False, "every state")
 """A property that is not decided before all states are found, as an export needs them."""
@@ -172,17 +198,17 @@ def verify(
         subject = VerifiedMachines(machines, asked)
         sought = [each.property for each in subject.named]
         with _progress(quiet=as_json) as progress:
+            options: ExploreOptions = {**subject.options(), "progress": progress}
             space = explore(
                 subject.members,
                 properties=[*sought, *([_EVERYTHING] if exports else [])],
-                progress=progress,
-                **subject.options(),
+                **options,
             )
         verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
         undecided = any(verdict.holds is None for verdict in verdicts)
         ended = _why(subject.wanted, space) if undecided else ""
         report = as_data if as_json else as_text
-        found = report(space, verdicts, subject.period_ms, ended)
+        found = report(space, verdicts, subject, ended)
         click.echo(msgspec.json.encode(found).decode() if as_json else found)
         violated = [verdict for verdict in verdicts if verdict.holds is False]
         _write(subject, space, violated, recording, tests)
@@ -248,9 +274,27 @@ def _why(wanted: Verification, space: Space) -> str:
         return f"it took longer than {wanted.max_seconds:g} s (max_seconds)"
     if space.cut:
         return "interrupted"
+    if space.complete and any(
+        NO_FAILURE is e.property and e.holds is False for e in space.verdicts
+    ):
+        return (
+            'all ends where code raises, and what would follow is not known (on_error = "suspend")'
+        )
     return "the times of the way to a violation are not possible; give --period-ms"
 
 
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """Keep what code raises out of the log, while a counterexample runs again: its table has it."""
+    log = logger()
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before
+
+
+@_unlogged()
 def _write(
     subject: VerifiedMachines,
     space: Space,
@@ -312,6 +356,8 @@ class VerifiedMachines:
 
     def __init__(self, machines: Sequence[str], asked: Verification):
         resolved = parse_arguments(machines, None, (), ())
+        self.assumed = tuple(_assumed(resolved.plan))
+        """What is assumed because of options of a file, in words."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]
         self.folder = files[0].absolute().parent if files else Path.cwd()
         self._folders = [self.folder, Path()]
@@ -332,7 +378,7 @@ class VerifiedMachines:
         more = [PlannedMachine(definition=f"{m.__module__}:{m.__qualname__}") for m in watching]
         return replace(plan, period_us=None, verify=None, machines=(*plan.machines, *more))
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> ExploreOptions:
         """List the arguments of `explore`, without machines and properties."""
         wanted = self.wanted
         return {
@@ -344,6 +390,7 @@ class VerifiedMachines:
             "choices": wanted.choices,
             "abstract": {name: self._callable(where) for name, where in wanted.abstract.items()},
             "unload_accepting": self._resolved.plan.unload_accepting,
+            "on_error": self._resolved.plan.on_error,
             "max_states": wanted.max_states,
             "max_seconds": wanted.max_seconds,
         }
@@ -351,16 +398,6 @@ class VerifiedMachines:
     def _members(self) -> Iterator[Member]:
         planned = zip(self._resolved.classes.values(), self._resolved.plan.machines, strict=True)
         for cls, each in planned:
-            if each.preload:
-                raise click.UsageError(
-                    f"{each.definition} is preloaded: machines that load others while they run "
-                    f"cannot be verified"
-                )
-            if each.period_us is not None:
-                raise click.UsageError(
-                    f"{each.definition} has a period of its own: timetables cannot be verified; "
-                    f"give one period to all machines"
-                )
             yield Member(cls, each.name, each.variables, each.slots, each.suspended)
 
     def _properties(self, names: Iterable[str]) -> Iterator[_Named]:
@@ -413,10 +450,23 @@ class VerifiedMachines:
         return found
 
 
+def _assumed(plan: Plan) -> Iterator[str]:
+    """Yield what is assumed of a plan; refuse options of it that are not explored."""
+    for given, what in ((plan, "the file"), *((each, each.definition) for each in plan.machines)):
+        for field in msgspec.structs.fields(given):
+            name = field.name
+            if name in _COVERED.get(type(given), ()) or getattr(given, name) == field.default:
+                continue
+            if name not in _ASSUMED:
+                why = f"has {name!r}, which no exploration includes: leave it out"
+                raise click.UsageError(f"{what} {_REFUSED.get(name, why)}")
+            yield _ASSUMED[name]
+
+
 def _period_ms(wanted: Verification, resolved: ResolvedPlan) -> float | None:
     """Choose the time from round to round, in ms; None for any."""
     if wanted.any_time:
-        return wanted.period_ms  # an error, if there is one
+        return wanted.period_ms  # an error, if a file or the command line has both
     period_us = resolved.plan.period_us or resolved.plan.idle_us
     if wanted.period_ms is None and period_us == 0:
         raise click.UsageError(
@@ -434,6 +484,10 @@ def _joined(file: Verification, asked: Verification) -> Verification:
     }
     for name in ("sensors", "abstract"):
         given[name] = {**getattr(file, name), **getattr(asked, name)}
+    if asked.any_time and asked.period_ms is None:
+        file = replace(file, period_ms=None)
+    if asked.period_ms is not None and not asked.any_time:
+        file = replace(file, any_time=False)
     given["properties"] = tuple(dict.fromkeys((*file.properties, *asked.properties)))
     given["suspend"] = tuple(dict.fromkeys((*file.suspend, *asked.suspend)))
     return replace(file, **given)
@@ -447,13 +501,17 @@ def verdict_of(verdict: Verdict) -> str:
     return _VERDICTS[verdict.holds]
 
 
-def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
-    """Write the report; `ended` says why the exploration ended early, "" if it did not."""
+def as_text(
+    space: Space, verdicts: Sequence[Verdict], subject: VerifiedMachines, ended: str
+) -> str:
+    """Write the report; `ended` says why not all is decided, "" if it is."""
+    period_ms = subject.period_ms
     lines = [
         f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
         f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
         + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
     ]
+    lines += [f"assumed: {each}" for each in subject.assumed]
     if ended:
         lines.append(f"not all is decided: {ended}")
         lines += space.hints()
@@ -468,6 +526,7 @@ def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
     return "\n".join(lines)
 
 
+@_unlogged()
 def _story(space: Space, witness: Witness) -> list[str]:
     """Describe a counterexample: a table of its turns, and how it goes on."""
     number = len(witness.turns)
@@ -489,7 +548,9 @@ def _story(space: Space, witness: Witness) -> list[str]:
     return lines
 
 
-def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
+def as_data(
+    space: Space, verdicts: Sequence[Verdict], subject: VerifiedMachines, ended: str
+) -> Any:
     """Make the report as data for JSON; `ended` is as for `as_text`."""
     return {
         "states": space.states,
@@ -497,7 +558,8 @@ def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
         "depth": space.depth,
         "ringlets": space.ringlets,
         "seconds": round(space.seconds, 3),
-        "period_ms": period_ms,
+        "period_ms": subject.period_ms,
+        "assumed": list(subject.assumed),
         "complete": space.complete,
         "ended": ended or None,
         "hints": list(space.hints()) if ended else [],
