@@ -108,6 +108,12 @@ def _count(info: msgspec.inspect.Type, what: str) -> int:
                 )
             return len(bounds)
         case inspect.UnionType(types=types):
+            numbers = [each for each in types if isinstance(each, inspect.IntType)]
+            if len(numbers) > 1 or (numbers and any(_has_number(each) for each in types)):
+                raise DomainError(
+                    f"every({what}): what a board accepts for an int of two ranges is not their "
+                    f"union: declare one range, or list the messages that matter"
+                )
             return sum(_count(each, what) for each in types)
         case inspect.TupleType(item_types=types):
             return prod(_count(each, what) for each in types)
@@ -116,6 +122,11 @@ def _count(info: msgspec.inspect.Type, what: str) -> int:
     kind = getattr(info, "cls", None)
     text = type(info).__name__.removesuffix("Type").lower() if kind is None else _name(kind)
     raise DomainError(f"every({what}): the type {text} {_ENDLESS}")
+
+
+def _has_number(info: msgspec.inspect.Type) -> bool:
+    values = info.values if isinstance(info, msgspec.inspect.LiteralType) else ()
+    return any(type(value) is int for value in values)
 
 
 def _count_members(cls: type[Enum], what: str) -> int:

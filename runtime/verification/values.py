@@ -139,7 +139,7 @@ def freeze(value: Any, note: Callable[[Any], None] = _ignore) -> Hashable:
         return kind, _kept(value, tuple, (), note), _freeze_all(tuple.__iter__(value), note)
     if isinstance(value, frozenset):
         note(value)
-        return kind, _kept(value, frozenset, (), note), _freeze_set(value, note)
+        return kind, _kept(value, frozenset, (), note), _freeze_set(frozenset.__iter__(value), note)
     if isinstance(value, msgspec.Struct):
         if not value.__struct_config__.frozen:
             note(value)
@@ -150,7 +150,7 @@ def freeze(value: Any, note: Callable[[Any], None] = _ignore) -> Hashable:
     if kind is deque:
         return kind, value.maxlen, _freeze_all(value, note)
     if kind is set:
-        return kind, _freeze_set(value, note)
+        return kind, _freeze_set(set.__iter__(value), note)
     if kind is dict:
         return kind, _freeze_all((part for item in value.items() for part in item), note)
     if kind is bytearray:
