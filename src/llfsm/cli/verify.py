@@ -356,7 +356,7 @@ class VerifiedMachines:
 
     def __init__(self, machines: Sequence[str], asked: Verification):
         resolved = parse_arguments(machines, None, (), ())
-        self.assumed = tuple(_assumed(resolved.plan))
+        self.assumed = tuple(assumed_of(resolved.plan))
         """What is assumed because of options of a file, in words."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]
         self.folder = files[0].absolute().parent if files else Path.cwd()
@@ -450,7 +450,7 @@ class VerifiedMachines:
         return found
 
 
-def _assumed(plan: Plan) -> Iterator[str]:
+def assumed_of(plan: Plan) -> Iterator[str]:
     """Yield what is assumed of a plan; refuse options of it that are not explored."""
     for given, what in ((plan, "the file"), *((each, each.definition) for each in plan.machines)):
         for field in msgspec.structs.fields(given):
