@@ -38,7 +38,7 @@ class Happenings(NamedTuple):
     unload_accepting: bool
     period_ms: int
     boundaries: list[Boundary]
-    on_error: OnError
+    on_error: OnError = "stop"
 
 
 _ASKED = st.sampled_from(["suspend", "suspend", "resume", "restart", "stop"])
