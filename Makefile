@@ -26,7 +26,7 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo rover fleet test test-aarch64 fallback fallback-all check safety bench soak sanitize sanitized fuzz wheel docs docs-serve docs-check pictures screenshots codemirror lock clean
+.PHONY: help setup demo rover fleet test test-aarch64 fallback fallback-all slowest mutants check safety bench soak sanitize sanitized fuzz wheel docs docs-serve docs-check pictures screenshots codemirror lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -35,6 +35,9 @@ help:
 	@echo "make test      run the tests"
 	@echo "make fallback  run those of machines without the extensions in C"
 	@echo "make fallback-all  run all of them so; what needs shared memory is skipped"
+	@echo "make slowest   run the tests and list the hundred that cost most, and the costliest files"
+	@echo "make mutants   change 300 functions, each at one place, and look whether a test finds it: hours;"
+	@echo "               AGAINST=out/before.json: the mutants of an earlier run, and what is missed now"
 	@echo "make test-aarch64  test the whiteboard and the order of turns on aarch64, under qemu"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
@@ -71,13 +74,22 @@ fleet: $(VENV)/.ready-setup
 	@$(BIN)/python examples/fleet/start.py out/fleet.svg
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own. More than two workers a
-# processor, as tests wait half their time; each takes whole files, so that what a file's tests share
-# is made once.
+# processor (see tests/workers.py), as tests wait half their time; each takes whole files, so that
+# what a file's tests share is made once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
-    -p xdist -p pytest_timeout
-TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) --dist loadfile --no-loadscope-reorder
+    -p pytest_timeout
+TEST := LLFSM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) $(PYTEST)
 test: $(VENV)/.ready-test
 	$(TEST)
+
+slowest: $(VENV)/.ready-test
+	@mkdir -p out
+	LLFSM_COSTS=out/costs.json $(TEST) -q
+
+# What was judged before is not judged again: remove out/mutants.json to begin anew.
+AGAINST ?=
+mutants: $(VENV)/.ready-test
+	$(BIN)/python .ci/mutants.py $(if $(AGAINST),--against $(AGAINST))
 
 # On Debian, with its packages qemu-user-static and gcc-aarch64-linux-gnu. The emulated
 # tests are many times slower: on two cores, they took some five minutes.
@@ -98,6 +110,7 @@ check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p llfsm
+	$(BIN)/python -m mypy.stubtest llfsm.whiteboard._shm llfsm.runtime.engine._ringlet
 	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c \
 	    whiteboard/include/llfsm_whiteboard.h
 	$(CXX) -std=c++17 -O2 -Wall -Wextra -Wpedantic -Werror -fsyntax-only -x c++ \
@@ -146,6 +159,7 @@ bench: $(VENV)/.ready-bench
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	LLFSM_STRESS=80 $(PYTEST) -s tests/stress/test_stress.py
+	LLFSM_SOAK=1 $(TEST) -m soak
 	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py

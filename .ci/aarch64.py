@@ -46,7 +46,6 @@ TESTS = (
 LEFT_OUT = (
     # What does not depend on the machine, and a process's memory, which has the emulator's, too.
     "--ignore", "tests/whiteboard/mirror",
-    "--deselect", "tests/whiteboard/test_extension.py::test_the_stubs_match_the_extensions",
     "--deselect",
     "tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small",
 )  # fmt: skip

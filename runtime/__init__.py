@@ -1,8 +1,8 @@
 """Run logic-labelled finite-state machines: declare them, load them, give them turns.
 
 Read in this order, in `engine`: `state` and `table` (what a machine is), `machine` (what its code
-may ask), `environment` (what it learns from and acts on), `seat`, `binding` and `ringlet` (one turn
-of one machine), `roster`, `control` and `arrangement` (all).
+may ask), `environment` (what it learns from and acts on), `ringlet` and `seat` (one turn of one
+machine), `kernel` and `arrangement` (all).
 """
 
 from llfsm.runtime.engine.arrangement import Arrangement
@@ -33,12 +33,11 @@ from llfsm.runtime.engine.errors import (
     VariableError,
 )
 from llfsm.runtime.engine.events import Event, Observer, Reason, Request, Status, Trace
-from llfsm.runtime.engine.histogram import Spread
 from llfsm.runtime.engine.machine import Machine, Submachine, define
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
 from llfsm.runtime.engine.state import State, Transition
-from llfsm.runtime.engine.statistics import MachineStatistics
+from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.table import REQUIRED, Table, Variable
 from llfsm.runtime.presence.live import LiveEnvironment
 

@@ -36,7 +36,8 @@ from llfsm.runtime.verification.properties import (
 from llfsm.runtime.verification.values import message_text
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Arrangement, OnError
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.journal.entries import Entry
     from llfsm.runtime.verification.domains import Member

@@ -29,12 +29,12 @@ class GoalStatus(IntEnum):
 
     @property
     def active(self) -> bool:
-        """Whether a goal has been accepted and has not ended."""
+        """True if a goal has been accepted and has not ended."""
         return GoalStatus.ACCEPTED <= self <= GoalStatus.CANCELING
 
     @property
     def final(self) -> bool:
-        """Whether a goal that was accepted has ended."""
+        """True if a goal that was accepted has ended."""
         return self >= GoalStatus.SUCCEEDED
 
 
@@ -46,11 +46,11 @@ class GoalStanding(Message, type_name="llfsm/GoalStanding"):
     failure: str = ""
 
     def has_succeeded(self, number: int) -> bool:
-        """Return whether the goal with that number has succeeded: its result is there."""
+        """Return True if the goal with that number has succeeded: its result is there."""
         return self.number == number and self.status is GoalStatus.SUCCEEDED
 
     def has_failed(self, number: int) -> bool:
-        """Return whether the goal with that number was refused, canceled or aborted."""
+        """Return True if the goal with that number was refused, canceled or aborted."""
         ended = self.status.final or self.status is GoalStatus.REFUSED
         return self.number == number and ended and self.status is not GoalStatus.SUCCEEDED
 

@@ -27,15 +27,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 import msgspec
 
 from llfsm.errors import did_you_mean, nearby_file
-from llfsm.runtime.engine.arrangement import Arrangement, OnError
+from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
+from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Library
     from llfsm.runtime.engine.environment import Environment
+    from llfsm.runtime.engine.kernel import Library
 
 
 T = TypeVar("T")

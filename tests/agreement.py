@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from hypothesis import assume, event, reject
 from hypothesis import strategies as st
 
-from llfsm.runtime.engine.arrangement import OnError
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.verification import UnsupportedError, explore, leads_to, never, reachable
 from llfsm.whiteboard.messages.std_msgs import Int32
 from naive_explorer import Explored, May, naively_explored

@@ -1,5 +1,6 @@
 """What all tests need of the process that runs them."""
 
+import atexit
 import gc
 import os
 import signal
@@ -15,8 +16,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from calling import modules_forgotten
+from costs import Costs
 from second_try import SecondTry
 from thoroughness import SEARCHING, examples
+from workers import Workers
 
 HIDDEN = hasattr(sys.modules.get("sitecustomize"), "EXTENSIONS")  # see without_extensions
 REFUSED: list[BaseException] = []  # the errors of tests that were refused shared memory
@@ -40,21 +43,30 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     gc.disable()
+    if path := os.environ.get("LLFSM_COSTS"):
+        config.pluginmanager.register(Costs(Path(path)))
     if "LLFSM_SECOND_TRY" in os.environ:
         config.pluginmanager.register(SecondTry())
+    if "LLFSM_WORKERS" in os.environ:
+        config.pluginmanager.register(Workers(int(os.environ.pop("LLFSM_WORKERS")), _note_refusals))
+    else:
+        _note_refusals()
+
+
+def _note_refusals() -> None:
+    """Make the file in which the processes of tests note that they were refused shared memory."""
     if HIDDEN:
         handle, os.environ["LLFSM_REFUSALS"] = tempfile.mkstemp(prefix="llfsm-refusals-")
         os.close(handle)
+        atexit.register(os.unlink, os.environ["LLFSM_REFUSALS"])
 
 
-def pytest_unconfigure() -> None:
-    """Remove the file of refusals."""
-    if HIDDEN:
-        Path(os.environ.pop("LLFSM_REFUSALS")).unlink(missing_ok=True)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files whose tests may take longest, so that no worker ends with one alone."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is for `make soak`. Begin with the files whose tests may take longest."""
+    if "LLFSM_SOAK" not in os.environ:
+        soaked = [item for item in items if item.get_closest_marker("soak")]
+        config.hook.pytest_deselected(items=soaked)
+        items[:] = [item for item in items if item not in soaked]
     long = {item.path for item in items if item.get_closest_marker("timeout")}
     items.sort(key=lambda item: item.path not in long)
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from agreement import DOMAINS
 from llfsm.runtime import Arrangement, ExecutionError
 from llfsm.runtime.counterexamples import LiveSituation
-from llfsm.runtime.engine.arrangement import OnError
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
-from llfsm.runtime.verification.predicates import PackedSituation
+from llfsm.runtime.verification._predicates import PackedSituation
 from llfsm.runtime.verification.properties import Situation
 from llfsm.runtime.verification.values import freeze
 from random_machines import LEFT, RIGHT, SHARED, built, specs
@@ -118,7 +118,7 @@ class _Live:
                 self.follow(self.turn, lambda state: state & tables.failed.mask)
                 return
             if arrangement.finished:
-                standings = filter(None, arrangement.standings())
+                standings = filter(None, arrangement.roster.standings())
                 asleep = any(each.machine == "A" and each.suspended for each in standings)
                 if arrangement.stopping or not asleep:  # else it goes on, as if held
                     assert any(tables.may_end(*node) for node in self.nodes)
@@ -150,7 +150,7 @@ class _Live:
             if asked == "stop":
                 self.arrangement.stop()
             elif any(each.name == "A" for each in self.arrangement.machines):
-                verb = self.arrangement.hold if asked == "suspend" else None
+                verb = self.arrangement.control.hold if asked == "suspend" else None
                 (verb or getattr(self.arrangement, asked))("A")
         for slot, number in ((LEFT, boundary.left), (RIGHT, boundary.right)):
             if (message := DOMAINS[slot][number]) is not None:

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 from definition import Defined
 from llfsm.runtime import ExecutionError, Machine, ManualClock
-from llfsm.runtime.engine.arrangement import OnError
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.seat import NEVER, Failure, Seat
 from llfsm.whiteboard import Slot, Whiteboard
@@ -304,7 +304,7 @@ class _Naive:
                 seat.schedule(request)
             if stop:
                 self.arrangement.stop()
-            self.arrangement.give_turns([seat])
+            self.arrangement.kernel.give_turns([seat])
             after = self._next(turn + 1) or 0
             if self.may.by_rounds and after == 0:
                 self.world.cells.update((n, None) for n in self.domains if n not in self.kept)

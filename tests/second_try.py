@@ -1,6 +1,6 @@
 """A second try for a test that failed, which the summary names: a plugin for `.ci/run`.
 
-pytest-rerunfailures does this, too, but with xdist it takes 10 ms a test.
+pytest-rerunfailures does this, too, but with workers it takes 10 ms a test.
 """
 
 from __future__ import annotations

@@ -190,7 +190,6 @@ class Waiter(Protocol):
         ``timeout`` seconds, and at a :meth:`wake`. Raise :class:`.BoardClosedError` if the board
         is closed, or was removed and there is no message.
         """
-        ...
 
     def doze(
         self,
@@ -210,11 +209,9 @@ class Waiter(Protocol):
         has happened. It gets 0 if no sleep has begun: from the time ``until_ns`` on none does. A
         board that gains nothing by it always leaves the sleep to ``otherwise``.
         """
-        ...
 
     def wake(self) -> None:
         """End the wait, or the next one if none is under way; from any thread."""
-        ...
 
 
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):

@@ -38,22 +38,18 @@ class Process(Protocol):
     @property
     def pid(self) -> int:
         """Its id in its PID namespace."""
-        ...
 
     @property
     def born(self) -> int:
         """The time at which it started, as from `born`."""
-        ...
 
     @property
     def host(self) -> str:
         """The name of its host."""
-        ...
 
     @property
     def namespace(self) -> int:
         """The number of its PID namespace."""
-        ...
 
 
 def identity(process: Process) -> tuple[str, int, int, int]:

@@ -166,10 +166,8 @@ class _LocalSlot(BoundSlot[M]):
 class LocalBoard(Board):
     """A whiteboard for the threads of one process; a new one is empty.
 
-    Args:
-        name: for error texts only.
-        now_ns: the clock of the messages' stamps, in nanoseconds; by default CLOCK_MONOTONIC.
-
+    The name is for error texts only. `now_ns` is the clock of the messages' stamps, by default
+    CLOCK_MONOTONIC.
     """
 
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:

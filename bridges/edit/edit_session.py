@@ -21,7 +21,13 @@ from starlette.concurrency import run_in_threadpool
 from llfsm.bridges.edit.machine_page import findings_data, live_data, machine_data
 from llfsm.bridges.edit.simulation import Simulating, SimulationRequest
 from llfsm.bridges.view.errors import RequestError
-from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, decode, perform
+from llfsm.bridges.view.page_requests import (
+    FrameShown,
+    MachineCommand,
+    NumberedRequest,
+    decode,
+    perform,
+)
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing import Document, Edit
 from llfsm.runtime.editing.text_edits import Include, SetText
@@ -36,36 +42,27 @@ _KEYED = ("boxes", "edges", "texts")
 _log = logging.getLogger(__name__)
 
 
-class ApplyEdits(msgspec.Struct, tag="apply"):
+class ApplyEdits(NumberedRequest, tag="apply"):
     """Make edits of the machine whose shape the page shows."""
 
-    id: int
     shape: str
     edits: list[Edit]
 
 
-class UndoEdits(msgspec.Struct, tag="undo"):
+class UndoEdits(NumberedRequest, tag="undo"):
     """Take the last edit back."""
 
-    id: int
 
-
-class ConvertMachine(msgspec.Struct, tag="convert"):
+class ConvertMachine(NumberedRequest, tag="convert"):
     """Make a class of a bundle, or a bundle of a class, beside it."""
 
-    id: int
 
-
-class RedoEdits(msgspec.Struct, tag="redo"):
+class RedoEdits(NumberedRequest, tag="redo"):
     """Make the edit again that was undone last."""
 
-    id: int
 
-
-class ReloadMachine(msgspec.Struct, tag="reload"):
+class ReloadMachine(NumberedRequest, tag="reload"):
     """Restart the live machine from the current version of its bundle."""
-
-    id: int
 
 
 ChangeRequest: TypeAlias = ApplyEdits | UndoEdits | RedoEdits | ConvertMachine

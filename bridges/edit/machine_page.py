@@ -88,13 +88,7 @@ def live_data(source: PageSource, name: str) -> dict[str, Any]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    file = finding.file.rpartition("/")[2]
-    return {
-        "file": file,
-        "line": finding.line,
-        "severity": finding.severity,
-        "text": finding.text,
-    }
+    return {**finding._asdict(), "file": finding.file.rpartition("/")[2]}
 
 
 def _name(text: Fragment) -> str:

@@ -62,7 +62,10 @@ class _Classes:
         if self._schemas.setdefault(name, schema) != schema:
             raise ValueError(f"two types are called {name}")
         if name not in self.texts:
-            fields = [_Field(_identifier(f), self, part) for f, part in _fields(schema)]
+            fields = [
+                (f"{_identifier(field)}: {self.annotation(part)}", _default(part))
+                for field, part in schema["properties"].items()
+            ]
             given = "" if title == name else f", type_name={_value(title)}"
             body = "".join(f"\n    {line}" for line in _lines(fields)) or "\n    pass"
             self.texts[name] = f"class {name}(Message{given}):{body}"
@@ -101,19 +104,11 @@ class _Classes:
         return name
 
 
-class _Field:
-    """A field's declaration, and its default; None if it has none."""
-
-    def __init__(self, name: str, classes: _Classes, schema: Schema):
-        self.declaration = f"{name}: {classes.annotation(schema)}"
-        self.default = _default(schema)
-
-
-def _lines(fields: list[_Field]) -> Iterator[str]:
-    """Give the lines of the fields: a default only where all behind it have one."""
-    first = max((i + 1 for i, each in enumerate(fields) if each.default is None), default=0)
-    for i, each in enumerate(fields):
-        yield each.declaration if i < first else f"{each.declaration} = {each.default}"
+def _lines(fields: list[tuple[str, str | None]]) -> Iterator[str]:
+    """Give the lines of fields, declared so: a default only where all behind it have one."""
+    first = max((i + 1 for i, (_, default) in enumerate(fields) if default is None), default=0)
+    for i, (declaration, default) in enumerate(fields):
+        yield declaration if i < first else f"{declaration} = {default}"
 
 
 def _default(schema: Schema) -> str | None:
@@ -126,7 +121,7 @@ def _default(schema: Schema) -> str | None:
         return None
     kind = schema["type"]
     if kind == "object":
-        has_all = all(_default(part) is not None for _, part in _fields(schema))
+        has_all = None not in map(_default, schema["properties"].values())
         return f"{class_name(schema['title'])}()" if has_all else None
     if kind == "array":
         if "prefixItems" not in schema:
@@ -146,10 +141,6 @@ def _allows_zero(schema: Schema) -> bool:
 
 def _value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
-
-
-def _fields(schema: Schema) -> list[tuple[str, Schema]]:
-    return list(schema["properties"].items())
 
 
 def _identifier(name: str) -> str:

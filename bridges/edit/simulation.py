@@ -18,6 +18,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from llfsm.bridges.view.errors import RequestError
+from llfsm.bridges.view.page_requests import NumberedRequest
 from llfsm.errors import LlfsmError
 from llfsm.runtime import Arrangement, ManualClock, Trace
 from llfsm.runtime.converting.class_process import load_machine
@@ -269,44 +270,35 @@ _FRAME_S = 0.05  # between two looks at a running simulation
 _FASTEST = 100.0
 
 
-class StartSimulation(msgspec.Struct, tag="simulate"):
+class StartSimulation(NumberedRequest, tag="simulate"):
     """Run the machine's text as it is now, from the beginning."""
 
-    id: int
 
-
-class StepSimulation(msgspec.Struct, tag="step"):
+class StepSimulation(NumberedRequest, tag="step"):
     """Run one round, or until the machine is in another state."""
 
-    id: int
     until: Literal["round", "state"]
 
 
-class RunSimulation(msgspec.Struct, tag="run"):
+class RunSimulation(NumberedRequest, tag="run"):
     """Run at so many times real time; 0 pauses."""
 
-    id: int
     speed: float
 
 
-class PostSimulated(msgspec.Struct, tag="post"):
+class PostSimulated(NumberedRequest, tag="post"):
     """Post a message, as a JSON object, to a slot that the machine reads."""
 
-    id: int
     slot: str
     message: msgspec.Raw
 
 
-class SaveSimulation(msgspec.Struct, tag="save"):
+class SaveSimulation(NumberedRequest, tag="save"):
     """Save all that was done as a test; its text is the answer."""
 
-    id: int
 
-
-class EndSimulation(msgspec.Struct, tag="end"):
+class EndSimulation(NumberedRequest, tag="end"):
     """End the simulation."""
-
-    id: int
 
 
 SimulationRequest: TypeAlias = (

@@ -4,6 +4,7 @@ Read :mod:`.file` (where its bytes are), :mod:`.structures` (what they mean), :m
 relayed and when, and its configuration).
 """
 
+from llfsm.bridges.gusimplewhiteboard._structures import find_layout
 from llfsm.bridges.gusimplewhiteboard.errors import (
     GuFileError,
     GuFormatError,
@@ -13,7 +14,6 @@ from llfsm.bridges.gusimplewhiteboard.errors import (
 )
 from llfsm.bridges.gusimplewhiteboard.file import GuWhiteboard
 from llfsm.bridges.gusimplewhiteboard.relay import Relay
-from llfsm.bridges.gusimplewhiteboard.structures import find_layout
 
 __all__ = [
     "GuFileError",

@@ -15,9 +15,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from llfsm.bridges.gusimplewhiteboard._structures import MessageLayout, find_layout
 from llfsm.bridges.gusimplewhiteboard.errors import GuFileError, LayoutError, MisfitError
 from llfsm.bridges.gusimplewhiteboard.file import DEFAULT_PATH, TYPES, GuWhiteboard, RingPosition
-from llfsm.bridges.gusimplewhiteboard.structures import MessageLayout, find_layout
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans import read_toml
 from llfsm.whiteboard import (

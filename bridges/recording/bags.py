@@ -38,7 +38,7 @@ from llfsm.bridges.ros2.errors import CdrError, KeyPathError, RosNameError, RosT
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled, unbundled
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.slot_names import is_own
 
@@ -232,13 +232,9 @@ def _unchunked(source: McapFile) -> Iterator[_Item]:
                     case McapMessage():
                         if record.channel_id not in channels:
                             raise ValueError("a message without a channel")
-                        yield MessageRecord(
-                            record.log_time,
-                            record.publish_time,
-                            record.sequence,
-                            record.channel_id,
-                            record.data,
-                        )
+                        times = record.log_time, record.publish_time
+                        place = record.sequence, record.channel_id
+                        yield MessageRecord(*times, *place, record.data)
     except Exception:  # whatever the library raises for a file that is cut short or damaged
         source.complete = False
 

@@ -48,7 +48,7 @@ from mcap.stream_reader import MAGIC_SIZE, read_magic
 
 from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.errors import nearby_file
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 
 LARGEST_CHUNK: Final = 64 << 20
 """Bytes, unpacked. Those that llfsm records have one megabyte, or one message."""

@@ -29,8 +29,8 @@ from llfsm.bridges.recording.writer import (
     JsonCodec,
 )
 from llfsm.bridges.ros2.errors import RosTypeError
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import FIELDS, Entry
+from llfsm.runtime.log import logger
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot

@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from llfsm.bridges.recording.writer import JournalWriter, RecordingWriter
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.handover import BEAT_NS, is_there
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.hosts import Shown
 from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.runtime.testing.play import ScriptRun
@@ -46,7 +46,7 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.poller import BoardPoller, is_data
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import OnError
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.testing.play import Loading
     from llfsm.runtime.testing.scripted import Step
 

@@ -24,23 +24,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from llfsm.bridges.recording.errors import (
-    RecordingError,
-    RecordingFileError,
-    RerunError,
-)
+from llfsm.bridges.recording.errors import RecordingError, RecordingFileError, RerunError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, ManualClock, Reason
-from llfsm.runtime.engine.arrangement import Loadable
-from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
+from llfsm.runtime.engine.environment import AgedRead, BoardEnvironment, Post, Read
 from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
 from llfsm.runtime.engine.events import IdleSleep, Status
-from llfsm.runtime.engine.freshness import AgedRead
+from llfsm.runtime.engine.kernel import Loadable
 from llfsm.runtime.journal.entries import FIELDS, Entry, Journal, as_entry
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
@@ -155,28 +151,11 @@ class RecordedInputs:
                 self.arrangement.stop()
                 continue
             with suppress(UnknownMachineError):  # the events will show what could not be done
-                getattr(self.arrangement, asked["action"])(asked["machine"])
-
-    def sensed(self, machine: str, sensor: str) -> Entry | None:
-        """Take the entry of a sensor that finds something else than before, else None."""
-        return self.segment.sensed.pop((machine, sensor), None)
-
-    def knows(self) -> bool:
-        """Check that the machine of another process that is asked next was there."""
-        return bool(self.segment.answers) and self.segment.answers[0] is not None
+                getattr(self.arrangement.control, asked["action"])(asked["machine"])
 
     def answer(self) -> Any:
-        """Take its answer; None if it was not there, or was not asked then."""
+        """Take the answer of a machine elsewhere; None if it was not there or not asked then."""
         return self.segment.answers.popleft() if self.segment.answers else None
-
-    def age_ns(self) -> int | None:
-        """Take the age of a sensor's message; None if it was not asked for then."""
-        return self.segment.ages.popleft() if self.segment.ages else None
-
-    def counted(self, count: int) -> int:
-        """Return the count that a message got; `count` if none was posted then."""
-        posts = self.segment.posts
-        return int(posts[0]["count"]) if posts else count
 
 
 class RecordedEnvironment(BoardEnvironment):
@@ -197,7 +176,7 @@ class RecordedEnvironment(BoardEnvironment):
         key = machine, name
 
         def find() -> object:
-            sensed = inputs.sensed(machine, name)
+            sensed = inputs.segment.sensed.pop(key, None)
             if sensed is None:
                 return latest.get(key)
             if sensed["error"] is not None:
@@ -228,7 +207,12 @@ class RecordedEnvironment(BoardEnvironment):
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return a function that posts and returns the count that the message got then."""
         inputs, add = self._inputs, super().post(machine, name, actuator, slot)
-        return lambda message: inputs.counted(add(message))
+
+        def post(message: Any) -> int:
+            count, posts = add(message), inputs.segment.posts
+            return int(posts[0]["count"]) if posts else count  # else none was posted then
+
+        return post
 
     def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
         """Raise `OptionError`: machines learn from the recording only."""
@@ -242,49 +226,45 @@ class RecordedEnvironment(BoardEnvironment):
 
     def elsewhere(self, name: str, known: Iterable[str]) -> _RecordedMachine:
         """Return a machine of another process, if it was there then."""
-        if not self._inputs.knows():
+        answers = self._inputs.segment.answers
+        if not answers or answers[0] is None:
             self._inputs.answer()
             raise UnknownMachineError(name, known)
         return _RecordedMachine(self._inputs)
 
 
+@dataclass
 class _RecordedAgedRead:
     """A reader that returns the messages and ages of then."""
 
+    read: Read
+    inputs: RecordedInputs
     start_count = 0
 
-    def __init__(self, read: Read, inputs: RecordedInputs):
-        self._read = read
-        self._inputs = inputs
-
     def __call__(self) -> object:
-        """Read the sensor as it was then."""
-        return self._read()
+        return self.read()
 
     def age_ns(self) -> int | None:
-        """Return the age that was asked for then."""
-        return self._inputs.age_ns()
+        ages = self.inputs.segment.ages
+        return ages.popleft() if ages else None  # else it was not asked for then
 
 
+@dataclass
 class _RecordedMachine:
     """A machine of another process, with its answers of then."""
 
-    def __init__(self, inputs: RecordedInputs):
-        self._inputs = inputs
+    inputs: RecordedInputs
 
     @property
     def state(self) -> str:
-        """The name of its state."""
-        return str(self._inputs.answer())
+        return str(self.inputs.answer())
 
     @property
     def suspended(self) -> bool:
-        """True if it was in its suspend state."""
-        return bool(self._inputs.answer())
+        return bool(self.inputs.answer())
 
     def request(self, action: str) -> Status:
-        """Return its status before."""
-        return Status(self._inputs.answer())
+        return Status(self.inputs.answer())
 
 
 Comparison: TypeAlias = Literal["all", "states", "posts"]
@@ -456,7 +436,9 @@ class Rerun:
                 with suppress(ExecutionError, ArrangementEndedError):
                     arrangement.round()
             case "IdleSleep":
-                arrangement.emit(IdleSleep(*arrangement.stamp(), event["duration_ns"]))
+                arrangement.kernel.emit(
+                    IdleSleep(*arrangement.kernel.stamp(), event["duration_ns"])
+                )
             case "End":
                 arrangement.end(Reason(event["reason"]))
 
@@ -515,25 +497,6 @@ def rerun(
     of the `Arrangement` that are not as usual, such as `unload_accepting` and `library`. Raise as
     `Rerun.compare` does.
     """
-    again = _open(recording, compare)
-    again.arrange(machines, **options)
-    return again.compare()
-
-
-def assert_reruns(
-    recording: Path | str | Recording,
-    machines: Iterable[Loadable],
-    *,
-    compare: Comparison = "all",
-    **options: Any,
-) -> None:
-    """Raise `RerunError`, which shows the first difference, unless machines do as recorded."""
-    difference = rerun(recording, machines, compare=compare, **options)
-    if difference is not None:
-        raise RerunError(str(difference))
-
-
-def _open(recording: Path | str | Recording, how: Comparison) -> Rerun:
     if not isinstance(recording, Recording):
         recording = Recording(Path(recording))
     journals = whole_journals(recording)
@@ -541,7 +504,18 @@ def _open(recording: Path | str | Recording, how: Comparison) -> Rerun:
         raise RecordingError(
             f"{recording.path} is of several arrangements: give `Rerun` the entries of one"
         )
-    return Rerun(recording.entries(journals[0]), str(recording.path), how)
+    again = Rerun(recording.entries(journals[0]), str(recording.path), compare)
+    again.arrange(machines, **options)
+    return again.compare()
+
+
+def assert_reruns(
+    recording: Path | str | Recording, machines: Iterable[Loadable], **options: Any
+) -> None:
+    """Raise `RerunError` with the first difference, if `rerun` with these arguments finds one."""
+    difference = rerun(recording, machines, **options)
+    if difference is not None:
+        raise RerunError(str(difference))
 
 
 def whole_journals(recording: Recording) -> list[RecordedJournal]:

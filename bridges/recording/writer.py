@@ -27,10 +27,12 @@ from __future__ import annotations
 import os
 import time
 from binascii import a2b_base64, b2a_base64
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedWriter, FileIO
 from pathlib import Path
-from typing import IO, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -41,6 +43,9 @@ from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 from llfsm.whiteboard.schema import from_plain, to_plain
+
+if TYPE_CHECKING:
+    from llfsm.bridges.ros2.types import RosMessage
 
 EVENTS = "llfsm/events"
 """The topic of the journals of arrangements; each journal has a channel."""
@@ -63,20 +68,6 @@ _EVENT_SCHEMA = {
 }
 
 
-class Codec(Protocol):
-    """Encodes and decodes the messages of one slot."""
-
-    @property
-    def encode(self) -> Callable[[Any], bytes]:
-        """Encode a message."""
-        ...
-
-    @property
-    def decode(self) -> Callable[[bytes], Any]:
-        """Decode a message; raise ``ValueError`` if the bytes are none."""
-        ...
-
-
 class JsonCodec:
     """Encodes and decodes the messages of one slot as JSON."""
 
@@ -96,13 +87,7 @@ class JsonCodec:
 
     def decode(self, text: bytes) -> Message:
         """Decode a message; raise ``ValueError`` if the text is not a message of this slot."""
-        plain = msgspec.json.decode(text)
-        if not isinstance(plain, dict):
-            raise ValueError("not a JSON object")
-        return self.message(plain)
-
-    def message(self, plain: dict[str, Any]) -> Message:
-        """Make a message of a JSON object; raise ``ValueError`` if it is invalid."""
+        plain = msgspec.json.decode(text, type=dict[str, Any])
         if EXACT in plain:
             message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
         else:
@@ -118,13 +103,17 @@ class JsonCodec:
         return back == message and to_plain(back) == plain
 
 
+Codec: TypeAlias = "JsonCodec | RosMessage[Any]"
+"""Encodes and decodes the messages of one slot; raises ``ValueError`` for bytes that are none."""
+
+
+@dataclass
 class _WrittenJournal:
     """A journal that is being written: its latest time, by the host's clock, and its entries."""
 
-    def __init__(self, now_ns: int):
-        self.now_ns = now_ns
-        self.behind_ns = 0  # how far the machines' clock is behind
-        self.number = 0
+    now_ns: int
+    behind_ns: int = 0  # how far the machines' clock is behind
+    number: int = 0
 
 
 class RecordingWriter:
@@ -141,7 +130,7 @@ class RecordingWriter:
         self.begin_ns = time.monotonic_ns()
         self._offset_ns = time.time_ns() - self.begin_ns
         self._flushed_ns = self.begin_ns
-        self._writer = Writer(cast("IO[bytes]", self._file), chunk_size=_CHUNK)
+        self._writer = Writer(self._file, chunk_size=_CHUNK)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int, int], int] = {}
         self._codecs: dict[str, Codec] = {}
@@ -200,11 +189,6 @@ class RecordingWriter:
         data = msgspec.json.encode(entry)
         self._writer.add_message(journal, stamp_ns, data, stamp_ns, number & (WRAP - 1))
         self.events += "reads" in entry
-
-    def add_lost(self, journal: int) -> None:
-        """Mark a gap: entries of a journal are missing here."""
-        self.lost += 1
-        self.add_entry(journal, {"event": "Lost"})
 
     def add_metadata(self, name: str, about: Mapping[str, str]) -> None:
         """Write metadata, and hand it to the system at once."""
@@ -276,7 +260,7 @@ class RecordingWriter:
         return known
 
 
-class _File:
+class _File(BufferedWriter):
     """The file that the library writes to; errors name the file.
 
     It is private to its user, as the whiteboard is that is recorded.
@@ -285,26 +269,19 @@ class _File:
     def __init__(self, path: Path):
         self._path = path
         with self._named():
-            self._file = os.fdopen(os.open(path, _NEW, 0o600), "wb")
+            super().__init__(FileIO(os.open(path, _NEW, 0o600), "wb"))
 
     def write(self, data: Any, /) -> int:
         with self._named():
-            return self._file.write(data)
-
-    def tell(self) -> int:
-        return self._file.tell()
+            return super().write(data)
 
     def flush(self) -> None:
         with self._named():
-            self._file.flush()
-
-    @property
-    def closed(self) -> bool:
-        return self._file.closed
+            super().flush()
 
     def close(self) -> None:
         with self._named():
-            self._file.close()
+            super().close()
 
     @contextmanager
     def _named(self) -> Iterator[None]:
@@ -354,7 +331,8 @@ class JournalWriter:
 
     def add_lost(self) -> None:
         """Mark a gap: entries are missing here."""
-        self._writer.add_lost(self._channel)
+        self._writer.lost += 1
+        self._writer.add_entry(self._channel, {"event": "Lost"})
 
     def describe(self) -> bool:
         """Write the metadata of the arrangement once; return True if they were written before."""

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from typing import Any
 
 from llfsm.bridges.ros2.calls import through
@@ -40,6 +41,7 @@ STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 """Of the topic ``status``, at both ends (rcl_action_qos_profile_status_default)."""
 
 
+@dataclass(eq=False)
 class ServerGoal:
     """A goal, for the code that executes it.
 
@@ -47,27 +49,22 @@ class ServerGoal:
     status: EXECUTING; CANCELING once a request to cancel was accepted; or the final status.
     """
 
-    def __init__(self, server: ActionServer, info: Any, message: Any) -> None:
-        self.info = info
-        self.message = message
-        self.status = GoalStatus.EXECUTING
-        self.ended_ns = 0
-        self.response: Message | None = None
-        self.waiting: list[ServiceRequest[Any, Any]] = []
-        self._server = server
-        self.request: ServiceRequest[Any, Any] | None = None  # while it is undecided
+    server: ActionServer
+    info: Any
+    message: Any
+    request: ServiceRequest[Any, Any] | None  # while it is undecided
+    status: GoalStatus = GoalStatus.EXECUTING
+    ended_ns: int = 0
+    response: Message | None = None
+    waiting: list[ServiceRequest[Any, Any]] = field(default_factory=list)
 
-    def accept(self) -> None:
-        """Accept it, if that was left open."""
-        self._server.decide(self, True)
-
-    def refuse(self) -> None:
-        """Refuse it, if that was left open."""
-        self._server.decide(self, False)
+    def decide(self, accepted: bool) -> None:
+        """Accept or refuse it, if that was left open."""
+        self.server.decide(self, accepted)
 
     def publish_feedback(self, feedback: Message) -> None:
         """Publish feedback on this goal."""
-        self._server.publish_feedback(self, feedback)
+        self.server.publish_feedback(self, feedback)
 
     def end(self, status: GoalStatus, result: Message) -> None:
         """End as SUCCEEDED, CANCELED or ABORTED, and answer the callers that wait for the result.
@@ -76,14 +73,14 @@ class ServerGoal:
         """
         if not self.status.active:
             raise AlreadyAnsweredError(f"this goal has ended already: {self.status.name}")
-        self._server.end(self, status, result)
+        self.server.end(self, status, result)
 
 
 class ActionServer:
     """Serves one action of a node until it is closed.
 
     ``begin`` gets each new goal and returns whether it is accepted; with None that is left open,
-    and decided by the goal's ``accept`` or ``refuse``. ``cancel`` gets a goal that a client wants
+    and decided by the goal's ``decide``. ``cancel`` gets a goal that a client wants
     to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the goal that it
     gets. They are called through ``put``, on the thread that owns the server: call no
     method on another.
@@ -157,8 +154,7 @@ class ActionServer:
         message = request.message
         key = message.goal_id.uuid
         info = self._info(goal_id=message.goal_id, stamp=from_ns(self._now_ns()))
-        goal = ServerGoal(self, info, message.goal)
-        goal.request = request
+        goal = ServerGoal(self, info, message.goal, request)
         if key in self._goals or key in self._undecided:
             _LOG.warning("%s: refused a goal with a known id: %s", self._name, key.hex())
             accepted: bool | None = False

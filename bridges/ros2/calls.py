@@ -17,6 +17,7 @@ import weakref
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
@@ -29,15 +30,13 @@ from llfsm.bridges.ros2.errors import (
     TransportClosedError,
 )
 from llfsm.bridges.ros2.threads import Put
-from llfsm.bridges.ros2.transport import MessageInfo, Notifier, ServiceRequest
+from llfsm.bridges.ros2.transport import Handler, MessageInfo, Notifier, ServiceRequest
 from llfsm.bridges.ros2.types import RosMessage, RosService
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
-def through(
-    put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
+def through(put: Put, handle: Handler) -> Handler:
     """Make a server's handler that queues requests for ``handle``; an error fails the request."""
 
     def work(request: ServiceRequest[Any, Any]) -> None:
@@ -51,9 +50,7 @@ def through(
     return lambda request: put(partial(work, request))
 
 
-def answering(
-    of: RosService, respond: Callable[[Any], dict[str, Any]]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
+def answering(of: RosService, respond: Callable[[Any], dict[str, Any]]) -> Handler:
     """Make a server's handler that answers with the fields that ``respond`` returns."""
     response = of.response.message
     return lambda request: request.answer(response(**respond(request.message)))
@@ -100,11 +97,9 @@ class PendingCalls:
 
     def close(self) -> None:
         """End all open calls."""
+        why = f"{self._service}: the client was closed before an answer"
         for call in list(self._pending):
-            _end(
-                call,
-                TransportClosedError(f"{self._service}: the client was closed before an answer"),
-            )
+            _end(call, TransportClosedError(why))
 
 
 def _end(call: Future[Any], error: Exception) -> None:
@@ -125,13 +120,7 @@ class Responder(Protocol):
 class PendingRequests:
     """Passes requests to a server's handler, and keeps those that are open."""
 
-    def __init__(
-        self,
-        name: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        notifier: Notifier,
-    ) -> None:
+    def __init__(self, name: str, of: RosService, handler: Handler, notifier: Notifier) -> None:
         self._name = name
         self._decode = of.request.decode
         self._encode = of.response.encode
@@ -172,24 +161,17 @@ class PendingRequests:
             request.fail_if_open("the server was closed")
 
 
+@dataclass(eq=False)
 class _Request(ServiceRequest[Any, Any]):
-    def __init__(
-        self,
-        service: str,
-        message: Any,
-        info: MessageInfo,
-        encode: Callable[[Any], bytes],
-        back: Responder,
-    ) -> None:
-        self.message = message
-        self.info = info
-        self._service = service
-        self._encode = encode
-        self._back: Responder | None = back
-        self._taking = threading.Lock()
+    service: str
+    message: Any
+    info: MessageInfo
+    encode: Callable[[Any], bytes]
+    back: Responder | None
+    taking: threading.Lock = field(default_factory=threading.Lock)
 
     def answer(self, response: Any) -> None:
-        data = self._encode(response)
+        data = self.encode(response)
         self._take_back().answer(data)
 
     def fail(self, reason: str) -> None:
@@ -200,10 +182,10 @@ class _Request(ServiceRequest[Any, Any]):
             self.fail(reason)
 
     def _take_back(self) -> Responder:
-        with self._taking:
-            back, self._back = self._back, None
+        with self.taking:
+            back, self.back = self.back, None
         if back is None:
-            raise AlreadyAnsweredError(f"this request of {self._service} is already answered")
+            raise AlreadyAnsweredError(f"this request of {self.service} is already answered")
         return back
 
     def __del__(self) -> None:

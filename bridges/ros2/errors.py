@@ -1,29 +1,14 @@
 """The errors of the ROS 2 bridge.
 
 Ros2Error
-├── RosNameError              not a name of a node, topic or service
-├── RosTypeError
-│   ├── UnknownTypeError      no definition of that type is found
-│   ├── DefinitionSyntaxError a definition breaks ROS 2's rules
-│   ├── DefinitionPathError   a folder or file to search for definitions is not there
-│   ├── TypeMismatchError     a Message class has other fields than the ROS type of its name
-│   └── KeyPathError          `keyed_by` names no key in the messages of a relay
-├── RosArgumentError          an argument after --ros-args, or a file that one names, is wrong
-│   └── ParameterOverrideError    a parameter's value has the wrong type or is out of range
-├── TransformError            a transform between two frames cannot be answered
-│   ├── FrameNameError        a frame's name is empty or begins with a slash
-│   ├── FrameLookupError      a frame is unknown, or the frames form a loop
-│   ├── ConnectivityError     two frames are not in one tree
-│   └── ExtrapolationError    a transform at that time is not known
-├── CdrError                  bytes do not decode as a type, or a message cannot be encoded
-└── TransportError
-    ├── TransportUnavailableError  a transport or a router is not installed, or cannot be opened
-    ├── DomainIdError         not a ROS domain id
-    ├── TransportClosedError  the transport, node or endpoint is closed
-    ├── AlreadyAnsweredError  a request was answered twice
-    ├── NoServerError         a call ended without a response: no server is known
-    ├── CallTimeoutError      so it did: no answer in time
-    └── CallFailedError       so it did: the server refused, or went away during the call
+├── RosNameError
+├── RosTypeError ── UnknownTypeError, DefinitionSyntaxError, DefinitionPathError,
+│                   TypeMismatchError, KeyPathError
+├── RosArgumentError ── ParameterOverrideError
+├── TransformError ── FrameNameError, FrameLookupError, ConnectivityError, ExtrapolationError
+├── CdrError
+└── TransportError ── TransportUnavailableError, DomainIdError, TransportClosedError,
+                      AlreadyAnsweredError, NoServerError, CallTimeoutError, CallFailedError
 
 A bad message from another program raises nothing: it must not end a bridge. It is reported as a
 notice (see :mod:`.transport`).

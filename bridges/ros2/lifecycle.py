@@ -141,9 +141,7 @@ class LifecycleServer:
             way = next((each for each in self._ways() if wanted in (each.id, each.label)), None)
             if way is None:
                 _LOG.warning(
-                    "No transition matching %s found for current state %s",
-                    wanted,
-                    self.state.label,
+                    "No transition matching %s found for current state %s", wanted, self.state.label
                 )
                 return False
             self._take(way)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from llfsm.bridges.ros2.node_parameters import NodeParameters
@@ -34,6 +35,7 @@ CLOCK_QOS = Qos(ReliabilityPolicy.BEST_EFFORT, depth=1)
 """Of both ends (rclcpp's ClockQoS)."""
 
 
+@dataclass(eq=False)
 class NodeTime:
     """The clock of a node, in nanoseconds since 1970 or since a simulation began.
 
@@ -41,26 +43,21 @@ class NodeTime:
     each.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        parameters: NodeParameters,
-        set_ns: Callable[[int], None] = lambda _: None,
-    ) -> None:
-        self._node = node
-        self._types = types
-        self._parameters = parameters
-        self._set_ns = set_ns
+    node: Node
+    types: TypeLibrary
+    parameters: NodeParameters
+    set_ns: Callable[[int], None] = lambda _: None
+
+    def __post_init__(self) -> None:
         self._clock: TopicSubscription | None = None
         self._simulated_ns = 0
 
     def simulate(self, simulated: bool) -> None:
         """Follow /clock from now on, or the host's time."""
         if simulated and self._clock is None:
-            of = self._types.message(CLOCK_TYPE)
-            qos = overridden(CLOCK_QOS, self._parameters, CLOCK, "subscription")
-            self._clock = self._node.subscription(CLOCK, of, self._tick, qos)
+            of = self.types.message(CLOCK_TYPE)
+            qos = overridden(CLOCK_QOS, self.parameters, CLOCK, "subscription")
+            self._clock = self.node.subscription(CLOCK, of, self._tick, qos)
         elif not simulated and self._clock is not None:
             self._clock.close()
             self._clock = None
@@ -76,4 +73,4 @@ class NodeTime:
 
     def _tick(self, arrival: SerializedMessage[Any]) -> None:
         self._simulated_ns = to_ns(arrival.decode().clock)
-        self._set_ns(self._simulated_ns)
+        self.set_ns(self._simulated_ns)

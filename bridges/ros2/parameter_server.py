@@ -47,17 +47,14 @@ class ParameterServer:
         self._node = node.name
         self._now_ns = now_ns
         self._parameters = parameters
-        self._parameter: type[Message] = types.message("rcl_interfaces/msg/Parameter").message
-        self._value: type[Message] = types.message("rcl_interfaces/msg/ParameterValue").message
-        self._descriptor: type[Message] = types.message(
-            "rcl_interfaces/msg/ParameterDescriptor"
-        ).message
-        self._integers = types.message("rcl_interfaces/msg/IntegerRange").message
-        self._floats = types.message("rcl_interfaces/msg/FloatingPointRange").message
-        self._outcome: type[Message] = types.message(
-            "rcl_interfaces/msg/SetParametersResult"
-        ).message
-        self._found = types.message("rcl_interfaces/msg/ListParametersResult").message
+
+        def of(name: str) -> type[Message]:
+            return types.message(f"rcl_interfaces/msg/{name}").message
+
+        self._parameter, self._value = of("Parameter"), of("ParameterValue")
+        self._descriptor, self._outcome = of("ParameterDescriptor"), of("SetParametersResult")
+        self._integers, self._floats = of("IntegerRange"), of("FloatingPointRange")
+        self._found = of("ListParametersResult")
         event = types.message("rcl_interfaces/msg/ParameterEvent")
         self._event = event.message
         self._publish = node.publisher(PARAMETER_EVENTS, event, events_qos).publish
@@ -69,9 +66,9 @@ class ParameterServer:
             ("set_parameters", "SetParameters", self._set),
             ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ):
-            of = types.service(f"rcl_interfaces/srv/{type_name}")
-            handler = through(put, answering(of, respond))
-            node.server(f"~/{name}", of, handler, PARAMETER_QOS)
+            service = types.service(f"rcl_interfaces/srv/{type_name}")
+            handler = through(put, answering(service, respond))
+            node.server(f"~/{name}", service, handler, PARAMETER_QOS)
         self._publish_event(new_parameters=parameters.values().items())
 
     def _get(self, request: Any) -> dict[str, Any]:
@@ -142,13 +139,11 @@ class ParameterServer:
         if declared.range is not None:
             least, greatest = declared.range
             if isinstance(declared.default, float):
-                ranges["floating_point_range"] = (
-                    self._floats(from_value=least, to_value=greatest),
-                )
+                floats = self._floats(from_value=least, to_value=greatest)
+                ranges["floating_point_range"] = (floats,)
             else:
-                ranges["integer_range"] = (
-                    self._integers(from_value=least, to_value=greatest, step=1),
-                )
+                integers = self._integers(from_value=least, to_value=greatest, step=1)
+                ranges["integer_range"] = (integers,)
         return self._descriptor(
             name=name,
             type=int(type_of(declared.default)),

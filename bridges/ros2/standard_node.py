@@ -13,6 +13,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from msgspec import convert
+
 from llfsm.bridges.ros2.calls import through
 from llfsm.bridges.ros2.errors import RosTypeError, TransportClosedError, UnknownTypeError
 from llfsm.bridges.ros2.graph import logger_name
@@ -23,7 +25,7 @@ from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, overridden
 from llfsm.bridges.ros2.threads import Put
 from llfsm.bridges.ros2.transport import Node, ServiceRequest
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.whiteboard import Message
+from llfsm.whiteboard.schema import describe, from_plain
 
 _FATAL = logging.CRITICAL
 _LIFESPAN_NS = 10_000_000_000
@@ -99,16 +101,9 @@ class TypeDescriptionServer:
         self._types = types
         of = types.service("type_description_interfaces/srv/GetTypeDescription")
         self._response = of.response.message
-        self._classes: dict[str, type[Message]] = {
-            name: types.message(f"type_description_interfaces/msg/{name}").message
-            for name in (
-                "TypeDescription",
-                "IndividualTypeDescription",
-                "Field",
-                "FieldType",
-                "TypeSource",
-            )
-        }
+        self._whole = types.message("type_description_interfaces/msg/TypeDescription").message
+        self._source = types.message("type_description_interfaces/msg/TypeSource").message
+        self._schema = describe(self._whole)
         node.server("~/get_type_description", of, through(put, self._answer))
 
     def _answer(self, request: ServiceRequest[Any, Any]) -> None:
@@ -119,20 +114,13 @@ class TypeDescriptionServer:
         except RosTypeError as error:
             request.answer(self._response(failure_reason=str(error)))
             return
-        whole = self._classes["TypeDescription"](
-            type_description=self._individual(description["type_description"]),
-            referenced_type_descriptions=tuple(
-                map(self._individual, description["referenced_type_descriptions"])
-            ),
-        )
         sources = self._types.sources(name) if request.message.include_type_sources else []
-        source = self._classes["TypeSource"]
         request.answer(
             self._response(
                 successful=True,
-                type_description=whole,
+                type_description=convert(from_plain(description, self._schema), self._whole),
                 type_sources=tuple(
-                    source(each.type_name, each.encoding, "\n".join(each.text.splitlines()))
+                    self._source(each.type_name, each.encoding, "\n".join(each.text.splitlines()))
                     for each in sources
                 ),
             )
@@ -147,16 +135,6 @@ class TypeDescriptionServer:
         if type_hash != wanted:
             raise UnknownTypeError(f"the hash of {name} is {type_hash} here")
         return name
-
-    def _individual(self, description: dict[str, Any]) -> Message:
-        field, field_type = self._classes["Field"], self._classes["FieldType"]
-        return self._classes["IndividualTypeDescription"](
-            type_name=description["type_name"],
-            fields=tuple(
-                field(name=each["name"], type=field_type(**each["type"]))
-                for each in description["fields"]
-            ),
-        )
 
 
 _SIM_TIME = "use_sim_time"

@@ -33,7 +33,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar, cast
 
 from llfsm.bridges.ros2.defaults import DOMAINS
 from llfsm.bridges.ros2.errors import CdrError, DomainIdError, TransportClosedError
@@ -177,26 +177,22 @@ class SerializedMessage(ABC, Generic[M]):
 class SerializedBytes(SerializedMessage[M]):
     """A received message whose bytes were copied from the middleware."""
 
-    __slots__ = ("_data", "_decode", "_info")
+    __slots__ = ("_decode", "data", "info")
+    data: bytes
+    info: MessageInfo
 
     def __init__(self, data: bytes, info: MessageInfo, decode: Callable[[bytes], M]) -> None:
-        self._data = data
-        self._info = info
+        self.data = data
+        self.info = info
         self._decode = decode
-
-    @property
-    def data(self) -> bytes:
-        """The bytes that were published."""
-        return self._data
-
-    @property
-    def info(self) -> MessageInfo:
-        """Its publisher, sequence number and time."""
-        return self._info
 
     def decode(self) -> M:
         """Decode the message; raise :class:`.CdrError`."""
-        return self._decode(self._data)
+        return self._decode(self.data)
+
+
+Arrived = Callable[[SerializedMessage[M]], None]
+"""A subscription's callback."""
 
 
 class Publisher(Closable, Generic[M]):
@@ -210,7 +206,8 @@ class Publisher(Closable, Generic[M]):
     """The times that the middleware has reported :attr:`NoticeKind.QOS_BROKEN`. Over Zenoh, as with
     rmw_zenoh_cpp, it does not."""
 
-    @abstractmethod
+    _encode: Callable[[M], bytes]
+
     def publish(self, message: M) -> None:
         """Encode and send a message.
 
@@ -219,13 +216,18 @@ class Publisher(Closable, Generic[M]):
         :class:`.CdrError` if a field's value does not fit its ROS type,
         :class:`.TransportClosedError` after ``close``.
         """
+        self._send(self._encode(message))
 
-    @abstractmethod
     def forward(self, arrival: SerializedMessage[M]) -> None:
         """Send a received message of the topic's type as it came; nothing is encoded.
 
         As :meth:`publish`, it has this publisher's number and time.
         """
+        self._send(arrival.data)
+
+    @abstractmethod
+    def _send(self, data: bytes) -> None:
+        """Send an encoded message, with a number and the time."""
 
 
 class TopicSubscription(Closable):
@@ -264,6 +266,9 @@ class Client(Closable, Generic[Req, Res]):
         is not notified. Raise :class:`.CdrError` if a field's value does not fit its ROS type.
         """
 
+    def __str__(self) -> str:
+        return f"the client of {self.name}"
+
 
 class ServiceRequest(ABC, Generic[Req, Res]):
     """A received request, which any thread may answer at any time.
@@ -293,6 +298,10 @@ class ServiceRequest(ABC, Generic[Req, Res]):
         """
 
 
+Handler = Callable[[ServiceRequest[Any, Any]], None]
+"""A server's callback."""
+
+
 class Server(Closable):
     """Serves a service until it is closed."""
 
@@ -313,43 +322,38 @@ class Node(Closable):
         """The full name, with the namespace."""
         self._names = names
 
-    @abstractmethod
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> Publisher[M]:
         """Create a publisher of a topic."""
+        return cast("Publisher[M]", self._create(Role.PUBLISHER, topic, of, qos))
 
-    @abstractmethod
     def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
+        self, topic: str, of: RosMessage[M], callback: Arrived[M], qos: Qos = TOPIC
     ) -> TopicSubscription:
         """Create a subscription: ``callback`` is called with each message of a topic."""
+        return cast("TopicSubscription", self._create(Role.SUBSCRIPTION, topic, of, qos, callback))
 
-    @abstractmethod
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> Client[Any, Any]:
         """Create a client of a service."""
+        return cast("Client[Any, Any]", self._create(Role.CLIENT, service, of, qos))
 
-    @abstractmethod
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> Server:
+    def server(self, service: str, of: RosService, handler: Handler, qos: Qos = SERVICE) -> Server:
         """Create a server: ``handler`` gets each request and answers it, then or later.
 
         An error that the handler raises fails the request and is reported as a notice.
         """
+        return cast("Server", self._create(Role.SERVER, service, of, qos, handler))
 
-    def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
-        """Describe an endpoint of this node, with its full name."""
-        self._check_open()
-        topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
-        full = self._names.full(name) if topics else self._names.full_service(name)
-        return Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+    def _create(self, role: Role, name: str, of: Any, qos: Qos, *callback: Any) -> Closable:
+        with self._lifetime:
+            self._check_open()
+            topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
+            full = self._names.full(name) if topics else self._names.full_service(name)
+            end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+            return self._make(end, of, qos, *callback)
+
+    @abstractmethod
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> Closable:
+        """Make the endpoint, of the transport's own class for its role."""
 
     def __str__(self) -> str:
         return f"the node {self.name}"
@@ -369,7 +373,6 @@ class Transport(Closable):
     def up(self) -> bool:
         """True while the connection to ROS exists; see :attr:`NoticeKind.DOWN`."""
 
-    @abstractmethod
     def node(
         self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
     ) -> Node:
@@ -377,17 +380,31 @@ class Transport(Closable):
 
         ``remap`` maps names of topics and services to the names that its endpoints use instead.
         """
+        with self._lifetime:
+            self._check_open()
+            return self._node(Names(name, namespace, remap))
+
+    @abstractmethod
+    def _node(self, names: Names) -> Node:
+        """Put a node on the graph."""
 
     @abstractmethod
     def graph(self) -> Graph:
         """Return the graph as it is known now, with our own nodes."""
 
-    @abstractmethod
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
         """Block until ``ready(graph)`` is true; return False after ``timeout`` seconds.
 
         Raise :class:`.TransportClosedError` if the transport is closed while waiting.
         """
+        done = self._wait(ready, timeout)
+        if done is None:
+            raise TransportClosedError(f"{self} is closed")
+        return done
+
+    @abstractmethod
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
+        """Wait ``timeout`` seconds for ``ready(graph)``; None: it was closed meanwhile."""
 
 
 def log_notice(notice: Notice) -> None:

@@ -7,11 +7,7 @@ from typing import NamedTuple
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.whiteboard import Board, BoundSlot, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
-from llfsm.whiteboard.messages.turtle_sensor_poster import (
-    ANSWER,
-    REQUEST,
-    TurtlePositionAnswer,
-)
+from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer
 from llfsm.whiteboard.messages.turtlesim import Color, Pose
 
 _REPORTED = "turtle1"  # the turtle whose position the service returns, as in the original system

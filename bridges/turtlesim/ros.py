@@ -14,14 +14,14 @@ from itertools import count
 from typing import Any
 
 from llfsm.bridges.ros2.actions import ActionServer, ServerGoal
-from llfsm.bridges.ros2.calls import through
+from llfsm.bridges.ros2.calls import answering, through
 from llfsm.bridges.ros2.node_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, NodeTime, from_ns
 from llfsm.bridges.ros2.parameter_server import PARAMETER_EVENTS, PARAMETER_QOS
 from llfsm.bridges.ros2.qos import Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.bridges.ros2.standard_node import equip
 from llfsm.bridges.ros2.threads import CallQueue, Put
-from llfsm.bridges.ros2.transport import Node, SerializedMessage, ServiceRequest, Transport
+from llfsm.bridges.ros2.transport import Node, SerializedMessage, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.parameters import Parameters
 from llfsm.bridges.turtlesim.simulator import STEP_NS, Simulator
@@ -75,8 +75,7 @@ class RosTurtle:
             ("teleport_relative", "TeleportRelative", self._teleport_relative),
         ):
             of = types.service(f"turtlesim/srv/{type_name}")
-            answer = partial(_do_and_answer, do, of.response.message())
-            opened(node.server(f"{name}/{service}", of, through(self._put, answer)))
+            opened(node.server(f"{name}/{service}", of, through(self._put, answering(of, do))))
         action = ActionServer(
             node,
             f"{name}/rotate_absolute",
@@ -124,16 +123,18 @@ class RosTurtle:
         self._simulator.command(self.turtle.name, linear.x, linear.y, twist.angular.z)
         self._settle()  # a goal, which this has aborted
 
-    def _set_pen(self, message: Any) -> None:
-        self._simulator.set_pen(
-            self.turtle.name, message.r, message.g, message.b, message.width, bool(message.off)
-        )
+    def _set_pen(self, asked: Any) -> dict[str, str]:
+        rgb = asked.r, asked.g, asked.b
+        self._simulator.set_pen(self.turtle.name, *rgb, asked.width, bool(asked.off))
+        return {}
 
-    def _teleport_absolute(self, message: Any) -> None:
-        self._simulator.teleport_absolute(self.turtle.name, message.x, message.y, message.theta)
+    def _teleport_absolute(self, asked: Any) -> dict[str, str]:
+        self._simulator.teleport_absolute(self.turtle.name, asked.x, asked.y, asked.theta)
+        return {}
 
-    def _teleport_relative(self, message: Any) -> None:
-        self._simulator.teleport_relative(self.turtle.name, message.linear, message.angular)
+    def _teleport_relative(self, asked: Any) -> dict[str, str]:
+        self._simulator.teleport_relative(self.turtle.name, asked.linear, asked.angular)
+        return {}
 
     def _begin(self, goal: ServerGoal) -> bool:
         rotation = self._simulator.rotate_absolute(self.turtle.name, goal.message.theta)
@@ -152,13 +153,6 @@ class RosTurtle:
             goal, rotation = self._rotation
             self._rotation = None
             goal.end(rotation.status, self._result(delta=rotation.delta))
-
-
-def _do_and_answer(
-    do: Callable[[Any], None], answer: Any, request: ServiceRequest[Any, Any]
-) -> None:
-    do(request.message)
-    request.answer(answer)
 
 
 _NEVER = 100  # above every level
@@ -236,13 +230,8 @@ class RosTurtlesim:
         return lambda: publish(of.message(clock=from_ns(next(steps) * STEP_NS)))
 
     def _serve(self, name: str, type_name: str, do: Callable[[Any], dict[str, str]]) -> None:
-        """Have requests of a service answered with the fields that ``do`` returns."""
         of = self._types.service(type_name)
-
-        def answer(request: ServiceRequest[Any, Any]) -> None:
-            request.answer(of.response.message(**do(request.message)))
-
-        self._node.server(name, of, through(self.queue.put, answer))
+        self._node.server(name, of, through(self.queue.put, answering(of, do)))
 
     def _clear(self, _: Any) -> dict[str, str]:
         self.simulator.clear()
@@ -271,12 +260,7 @@ class RosTurtlesim:
         for name, turtle in turtles.items():
             if name not in self._turtles:
                 self._turtles[name] = RosTurtle(
-                    turtle,
-                    self.simulator,
-                    self._node,
-                    self._types,
-                    self.queue.put,
-                    self.time,
+                    turtle, self.simulator, self._node, self._types, self.queue.put, self.time
                 )
 
     def _log_line(self, level: Level, text: str) -> None:

@@ -20,7 +20,7 @@ from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head, box_lines, labe
 from llfsm.runtime.drawing.shapes import Text
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.presence.published import table_of
-from llfsm.runtime.presence.remote import condition_of
+from llfsm.runtime.presence.remote import condition_of, shown_fields
 from llfsm.runtime.presence.slot_ownership import described, is_contested
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.liveness import identity
@@ -102,6 +102,7 @@ def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, b
     return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]
 
 
+# What a page is told of a machine's status as it is published.
 _encode = msgspec.json.Encoder().encode
 
 
@@ -229,23 +230,11 @@ class FrameEncoder(TimedEncoder):
         live = self._source.is_live(sample)
         silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
         return {
+            **shown_fields(status),
             "condition": condition_of(status, silent_s) if live else "ended",
-            "paused": status.paused,
-            "clock": status.clock,
             "ends": self._ends(sample),
             "overridden": [each.sensor for each in status.overridden],
-            "caller": status.caller,
-            "error": status.error,
-            "error_state": status.error_state,
-            "refusal": status.refusal,
-            "state": status.state,
-            "suspended": status.suspended,
-            "pending": status.pending,
-            "ringlets": status.ringlets,
-            "overruns": status.overruns,
             "entered": round(self._seconds(sample.stamp_ns) - status.in_state_s, 2),
-            "pid": status.pid,
-            "host": status.host,
             "definition": None if definition is None else definition.count,
         }
 

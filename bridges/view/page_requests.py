@@ -1,7 +1,7 @@
 """The socket of a window: frames as fast as it shows them, and answers to its requests.
 
 Backpressure: a window confirms each frame that it has shown, and no more than two are under way.
-A request controls a machine, posts a message, or moves in a recording; its answer has its number.
+A request controls a machine, posts a message, or moves in a recording.
 """
 
 from __future__ import annotations
@@ -26,34 +26,36 @@ from llfsm.whiteboard.messages.llfsm import Action, Debugging, MachineRequest
 from llfsm.whiteboard.shared import Whiteboard
 
 
-class MachineCommand(msgspec.Struct, tag="ask"):
-    """Suspend, resume, restart, reload or stop a machine, or debug the machines of its process."""
+class NumberedRequest(msgspec.Struct):
+    """A request of a page, whose answer has its number."""
 
     id: int
+
+
+class MachineCommand(NumberedRequest, tag="ask"):
+    """Suspend, resume, restart, reload or stop a machine, or debug the machines of its process."""
+
     machine: str
     action: Action
     argument: str = ""
 
 
-class PostMessage(msgspec.Struct, tag="post"):
+class PostMessage(NumberedRequest, tag="post"):
     """Add a message to a slot; fields left out are zero."""
 
-    id: int
     slot: str
     message: msgspec.Raw
 
 
-class Seek(msgspec.Struct, tag="seek"):
+class Seek(NumberedRequest, tag="seek"):
     """Go to a moment of a recording: seconds from its beginning."""
 
-    id: int
     at: float
 
 
-class Play(msgspec.Struct, tag="play"):
+class Play(NumberedRequest, tag="play"):
     """Play a recording at so many times real time; 0 pauses."""
 
-    id: int
     speed: float
 
 

@@ -5,12 +5,12 @@ Read in this order: `model` (the contents of a bundle), `read` with `plist` (rea
 becomes a Python one).
 """
 
+from llfsm.runtime.bundles._write import write_bundle
 from llfsm.runtime.bundles.compiling import compile_bundle, load_bundle, outline, require_python
 from llfsm.runtime.bundles.cpp import import_bundle
 from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from llfsm.runtime.bundles.names import UNTRANSLATED
 from llfsm.runtime.bundles.read import SUFFIX, read_bundle
-from llfsm.runtime.bundles.write import write_bundle
 
 __all__ = [
     "PYTHON",

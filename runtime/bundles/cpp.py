@@ -18,7 +18,7 @@ import keyword
 import math
 import re
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -124,12 +124,8 @@ _TOKEN = re.compile(
 )
 _TIMES = ("after", "after_ms", "timeout")
 _QUESTIONS = ("is_suspended", "is_running")
-_COMPARISONS: Sequence[Mapping[str, type[ast.cmpop]]] = (
-    {"==": ast.Eq, "!=": ast.NotEq},
-    {"<": ast.Lt, ">": ast.Gt, "<=": ast.LtE, ">=": ast.GtE},
-)
+_SIGNS = {"&&": "and", "||": "or", "!": "~"}
 _LARGEST_INT = 2**31 - 1
-_DEEPEST = 25
 
 
 class CppVariable(NamedTuple):
@@ -146,7 +142,7 @@ def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str 
     compared, and only with what is exact in both.
     """
     try:
-        condition = _Parser(text, variables).condition()
+        condition = _truth(_parsed(text, variables))
         return None if too_deep(condition) else ast.unparse(condition)
     except _RefusedError:
         return None
@@ -155,7 +151,7 @@ def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str 
 def translate_value(text: str, kind: str) -> str | None:
     """Translate a constant with which a variable of `kind` begins; None if that is uncertain."""
     try:
-        value = _Parser(text, {}).whole()
+        value = _parsed(text, {})
     except _RefusedError:
         return None
     literal = value.node.operand if isinstance(value.node, ast.UnaryOp) else value.node
@@ -181,154 +177,94 @@ class _Value(NamedTuple):
     kind: str
 
 
-class _Parser:
-    """A parser by recursive descent; each method is a level of C++'s precedence."""
+class _Reader(NamedTuple):
+    """Reads the tree of an expression, in which ``~`` is C++'s ``!`` and ``_[i]`` a literal."""
 
-    def __init__(self, text: str, variables: Mapping[str, CppVariable]):
-        self.tokens = _tokens(without_comments(text))
-        self.variables = variables
-        self.at = 0
-        self.depth = 0
+    literals: Sequence[_Value]
+    variables: Mapping[str, CppVariable]
 
-    def condition(self) -> ast.expr:
-        return _truth(self.whole())
+    def value(self, node: ast.expr) -> _Value:
+        match node:
+            case ast.Subscript(_, ast.Constant(int(number))):
+                return self.literals[number]
+            case ast.Name("true" | "false" as name):
+                return _Value(ast.Constant(name == "true"), "bool")
+            case ast.Name(name) if name in self.variables:
+                variable = self.variables[name]
+                return _Value(ast.Name(variable.name), variable.kind)
+            case ast.Call(ast.Name(name), [argument], []) if name not in self.variables:
+                value = self.value(argument)
+                if name in (_QUESTIONS if value.kind == "string" else _TIMES):
+                    return _Value(ast.Call(ast.Name(name), [value.node], []), "bool")
+            case ast.BoolOp(op, values):
+                return _Value(ast.BoolOp(op, [_truth(self.value(e)) for e in values]), "bool")
+            case ast.UnaryOp(ast.Invert(), operand):
+                return _Value(ast.UnaryOp(ast.Not(), _truth(self.value(operand))), "bool")
+            case ast.UnaryOp(ast.USub(), operand):
+                value = self.value(operand)
+                kind = "int" if value.kind == "bool" else value.kind
+                if kind not in ("unsigned", "string"):
+                    return _Value(ast.UnaryOp(ast.USub(), value.node), kind)
+            case ast.Compare(left, ops, comparators):
+                return self.compared(left, ops, comparators)
+            case ast.BinOp(left, op, right):
+                one, other = self.value(left), self.value(right)
+                divisor = other.node.value if isinstance(other.node, ast.Constant) else 0
+                # C++ cuts whole quotients, and divides by zero
+                if not isinstance(op, ast.Div) or (divisor and "float" in (one.kind, other.kind)):
+                    return _arithmetic(one, op, other)
+        raise _RefusedError
 
-    def whole(self) -> _Value:
-        value = self.either()
-        if self.at < len(self.tokens):
-            raise _RefusedError
-        return value
-
-    def either(self) -> _Value:
-        return self.joined("||", ast.Or(), self.both)
-
-    def both(self) -> _Value:
-        return self.joined("&&", ast.And(), lambda: self.compared(0))
-
-    def joined(self, sign: str, operator: ast.boolop, operand: Callable[[], _Value]) -> _Value:
-        value = operand()
-        if self.peek() != sign:
-            return value
-        values = [_truth(value)]
-        while self.take(sign):
-            values.append(_truth(operand()))
-        return _Value(ast.BoolOp(operator, values), "bool")
-
-    def compared(self, level: int) -> _Value:
-        if level == len(_COMPARISONS):
-            return self.sum()
-        value = self.compared(level + 1)
-        while sign := self.take(*_COMPARISONS[level]):
-            other = self.compared(level + 1)
-            _check_comparable(value, other)
-            operator = _COMPARISONS[level][sign]()
-            value = _Value(ast.Compare(value.node, [operator], [other.node]), "bool")
-        return value
-
-    def sum(self) -> _Value:
-        value = self.product()
-        while sign := self.take("+", "-"):
-            operator = ast.Add() if sign == "+" else ast.Sub()
-            value = _arithmetic(value, operator, self.product())
-        return value
-
-    def product(self) -> _Value:
-        value = self.unary()
-        while sign := self.take("*", "/"):
-            other = self.unary()
-            if sign == "*":
-                value = _arithmetic(value, ast.Mult(), other)
-                continue
-            divisor = other.node.value if isinstance(other.node, ast.Constant) else 0
-            if "float" not in (value.kind, other.kind) or not divisor:
-                raise _RefusedError  # C++ cuts whole quotients, and divides by zero
-            value = _arithmetic(value, ast.Div(), other)
-        return value
-
-    def unary(self) -> _Value:
-        self.depth += 1
-        if self.depth > _DEEPEST:
-            raise _RefusedError
-        if self.take("!"):
-            value = _Value(ast.UnaryOp(ast.Not(), _truth(self.unary())), "bool")
-        elif self.take("-"):
-            value = self.unary()
-            if value.kind in ("unsigned", "string"):
-                raise _RefusedError
-            kind = "int" if value.kind == "bool" else value.kind
-            value = _Value(ast.UnaryOp(ast.USub(), value.node), kind)
-        else:
-            value = self.primary()
-        self.depth -= 1
-        return value
-
-    def primary(self) -> _Value:
-        if self.take("("):
-            value = self.either()
-            self.expect(")")
-            return value
-        if self.at == len(self.tokens):
-            raise _RefusedError
-        token = self.tokens[self.at]
-        self.at += 1
-        if isinstance(token, _Value):
-            return token
-        if token in ("true", "false"):
-            return _Value(ast.Constant(token == "true"), "bool")
-        if self.peek() == "(":
-            return self.call(token)
-        if token not in self.variables:
-            raise _RefusedError
-        name, kind = self.variables[token]
-        return _Value(ast.Name(name), kind)
-
-    def call(self, name: str) -> _Value:
-        self.expect("(")
-        argument = self.either()
-        self.expect(")")
-        known = _QUESTIONS if argument.kind == "string" else _TIMES
-        if name not in known or name in self.variables:
-            raise _RefusedError
-        return _Value(ast.Call(ast.Name(name), [argument.node], []), "bool")
-
-    def peek(self) -> str | None:
-        token = self.tokens[self.at] if self.at < len(self.tokens) else None
-        return token if isinstance(token, str) else None
-
-    def take(self, *signs: str) -> str | None:
-        token = self.peek()
-        if token not in signs:
-            return None
-        self.at += 1
-        return token
-
-    def expect(self, sign: str) -> None:
-        if not self.take(sign):
-            raise _RefusedError
+    def compared(
+        self, left: ast.expr, ops: Sequence[ast.cmpop], others: Sequence[ast.expr]
+    ) -> _Value:
+        """Compare two at a time: in C++, ``<`` binds more tightly than ``==``."""
+        values, equalities = [self.value(left)], []
+        for op, other in zip(ops, map(self.value, others), strict=True):
+            if isinstance(op, ast.Eq | ast.NotEq):
+                equalities.append(op)
+                values.append(other)
+            else:
+                values[-1] = _comparison(values[-1], op, other)
+        first, *rest = values
+        for equality, other in zip(equalities, rest, strict=True):
+            first = _comparison(first, equality, other)
+        return first
 
 
-def _tokens(text: str) -> list[_Value | str]:
-    """Split an expression: literals are values, names and signs are texts."""
-    tokens: list[_Value | str] = []
-    text = text.rstrip()
-    at = 0
+def _parsed(text: str, variables: Mapping[str, CppVariable]) -> _Value:
+    """Parse an expression by Python's parser: its signs become Python's, which bind alike."""
+    literals: list[_Value] = []
+    words: list[str] = []
+    text, at = without_comments(text).rstrip(), 0
     while at < len(text):
         match = _TOKEN.match(text, at)
-        if match is None:
+        word = match and (match["name"] or match["sign"])
+        if match is None or word == "--" or (word and keyword.iskeyword(word)):
             raise _RefusedError
         at = match.end()
-        if match["float"]:
-            value = _Value(ast.Constant(float(match["float"])), "float")
-            if float(match["float"]) == math.inf or (match["single"] and not _exact(value)):
-                raise _RefusedError
-            tokens.append(value)
-        elif match["int"]:
-            tokens.append(_whole_number(int(match["int"], 0), match["suffix"].lower()))
-        elif match["string"] is not None:
-            tokens.append(_Value(ast.Constant(match["string"]), "string"))
-        else:
-            tokens.append(match["name"] or match["sign"])
-    return tokens
+        if word is None:
+            word = f"_[{len(literals)}]"
+            literals.append(_literal(match))
+        words.append(_SIGNS.get(word, word))
+    try:
+        tree = ast.parse(" ".join(words), mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise _RefusedError from error
+    if too_deep(tree):
+        raise _RefusedError
+    return _Reader(literals, variables).value(tree)
+
+
+def _literal(match: re.Match[str]) -> _Value:
+    if match["float"]:
+        value = _Value(ast.Constant(float(match["float"])), "float")
+        if float(match["float"]) == math.inf or (match["single"] and not _exact(value)):
+            raise _RefusedError
+        return value
+    if match["int"]:
+        return _whole_number(int(match["int"], 0), match["suffix"].lower())
+    return _Value(ast.Constant(match["string"]), "string")
 
 
 def _whole_number(number: int, suffix: str) -> _Value:
@@ -349,7 +285,7 @@ def _truth(value: _Value) -> ast.expr:
     return ast.Compare(value.node, [ast.NotEq()], [ast.Constant(0)])
 
 
-def _check_comparable(one: _Value, other: _Value) -> None:
+def _comparison(one: _Value, op: ast.cmpop, other: _Value) -> _Value:
     kinds = {one.kind, other.kind}
     for value, beside in ((one, other), (other, one)):
         if (
@@ -359,6 +295,7 @@ def _check_comparable(one: _Value, other: _Value) -> None:
             or (value.kind == "single" and beside.kind != "single" and not _exact(beside))
         ):
             raise _RefusedError
+    return _Value(ast.Compare(one.node, [op], [other.node]), "bool")
 
 
 def _never_negative(value: _Value) -> bool:

@@ -21,7 +21,7 @@ from llfsm.runtime.expressions.reads import (
     MACHINE,
     all_parameters,
     bound_names,
-    defaults_of,
+    header_of,
     imported_names,
     parameter_names,
 )
@@ -60,11 +60,8 @@ def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
 
 def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) -> None:
     """Resolve a function of the machine in place: its header, then its body, as `resolve` does."""
-    outside = [*function.decorator_list, *defaults_of(function.args)]
-    for node in (
-        *outside,
-        *_annotations(function),
-    ):  # nothing in it can be the machine's, so that nothing is replaced
+    for node in (*function.decorator_list, *header_of(function)):
+        # Nothing in it can be the machine's, so that nothing is replaced.
         _Resolver(fragment, known, running=False).resolve(node)
     _Resolver(fragment, known, running=True).resolve_body(function)
 
@@ -253,11 +250,6 @@ def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
     from_functions = {n for node in nodes if isinstance(node, ast.Global) for n in node.names}
     names = bound_names(statements) | from_functions
     return None if "*" in names else frozenset(names)
-
-
-def _annotations(function: ast.FunctionDef) -> list[ast.expr]:
-    found = [function.returns, *(argument.annotation for argument in all_parameters(function.args))]
-    return [each for each in found if each is not None]
 
 
 def _machine() -> ast.Name:

@@ -7,11 +7,11 @@ code reads, and which types it has, is found by `llfsm.runtime.expressions`. `ty
 mypy or pyright check the code, and `message_fields` completes names in an editor.
 """
 
-from llfsm.runtime.checking.arrangement_rules import check_arrangement, requests_of
+from llfsm.runtime.checking._arrangement_rules import check_arrangement, requests_of
+from llfsm.runtime.checking._classes import check_class
+from llfsm.runtime.checking._subject import Finding
+from llfsm.runtime.checking._type_checkers import check_types
 from llfsm.runtime.checking.bundles import check_bundle
-from llfsm.runtime.checking.classes import check_class
-from llfsm.runtime.checking.subject import Finding
-from llfsm.runtime.checking.type_checkers import check_types
 
 __all__ = [
     "Finding",

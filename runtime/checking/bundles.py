@@ -38,8 +38,8 @@ from llfsm.runtime.bundles.names import (
     untranslated,
 )
 from llfsm.runtime.bundles.read import Reader, read_bundle
-from llfsm.runtime.checking.rules import findings_of
-from llfsm.runtime.checking.subject import (
+from llfsm.runtime.checking._rules import findings_of
+from llfsm.runtime.checking._subject import (
     CheckedState,
     CheckedTransition,
     Declared,
@@ -47,7 +47,7 @@ from llfsm.runtime.checking.subject import (
     Place,
     Subject,
 )
-from llfsm.runtime.checking.typed_rules import typed_findings
+from llfsm.runtime.checking._typed_rules import typed_findings
 from llfsm.runtime.engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import SECTIONS

@@ -18,7 +18,7 @@ from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import load_bundle
 from llfsm.runtime.bundles.model import CLASS, Bundle, BundleState, BundleTransition, Fragment
 from llfsm.runtime.checking import Finding, check_class, requests_of
-from llfsm.runtime.converting.convert import write_converted
+from llfsm.runtime.converting._convert import write_converted
 from llfsm.runtime.drawing.arrange import MachineLinks, links_of
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.machine import Machine

@@ -21,6 +21,7 @@ import ast
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
@@ -33,7 +34,8 @@ from llfsm.runtime.expressions.purity import EvaluationError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
-    from llfsm.runtime.engine.seat import BoundState, Seat
+    from llfsm.runtime.engine.ringlet import BoundState
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.engine.state import SectionCode
 
 
@@ -138,17 +140,6 @@ class Breakpoint(NamedTuple):
         return self.condition is None or bool(Evaluator(owner).value(self.condition))
 
 
-def machines_beside(classes: Iterable[type[Machine]]) -> dict[str, type[Machine]]:
-    """Map the machine classes in the modules of some by name: those that these may call."""
-    modules = {cls.__module__: sys.modules.get(cls.__module__) for cls in classes}
-    return {
-        each.__name__: each
-        for module in filter(None, modules.values())
-        for each in vars(module).values()
-        if isinstance(each, type) and issubclass(each, Machine) and each is not Machine
-    }
-
-
 def check_breakpoints(
     breakpoints: Iterable[Breakpoint], machines: Mapping[str, type[Machine]], slots: Iterable[str]
 ) -> None:
@@ -212,10 +203,11 @@ class Probes:
             if state.name in entered:
                 code = None if state.name not in seat.states else state.on_entry
                 here = [each for each in mine if not each.leaves and each.state == state.name]
-                state.on_entry = self._entering(seat, here, code)
+                state.on_entry = self._probe(seat, code, partial(_reached_by_entering, seat, here))
             targets = {target.name for *_, target in state.transitions if target is not state}
             if entered & targets or any(each.leaves and each.state == state.name for each in mine):
-                state.on_exit = self._leaving(seat, state, mine, state.on_exit)
+                reached = partial(_reached_by_leaving, seat, state, mine)
+                state.on_exit = self._probe(seat, state.on_exit, reached, state.name)
 
     def reading(self, seat: Seat, slot: str, read: Read) -> Read:
         """Wrap the reading of a sensor of `slot` so that each new message is tested."""
@@ -246,49 +238,44 @@ class Probes:
             if not breakpoint.holds(owner):
                 return
         except Exception as error:
-            what = (
-                f"{error}"
-                if isinstance(error, EvaluationError)
-                else f"{type(error).__name__}: {error}"
-            )
-            self._hit(breakpoint, f": its condition cannot be evaluated: {what}", seat, source)
+            kind = "" if isinstance(error, EvaluationError) else f"{type(error).__name__}: "
+            problem = f": its condition cannot be evaluated: {kind}{error}"
+            self._hit(breakpoint, problem, seat, source)
             return
         self._hits[breakpoint.text] += 1
         if self._hits[breakpoint.text] >= breakpoint.least:
             self._hit(breakpoint, "", seat, source)
 
-    def _entering(
+    def _probe(
         self,
         seat: Seat,
-        here: list[Breakpoint],
         code: SectionCode | None,
+        reached: Callable[[], Iterable[Breakpoint]],
+        source: str = "",
     ) -> SectionCode:
+        """Test the breakpoints that are reached where a section begins, and run its code."""
+
         def test_and_run(machine: Any) -> None:
-            if not seat.arrival().source:  # else it is announced by the probe in an OnExit
-                for each in here:
-                    self.test(each, seat, machine, "")
+            for each in reached():
+                self.test(each, seat, machine, source)
             if code is not None:
                 code(machine)
 
         return test_and_run
 
-    def _leaving(
-        self,
-        seat: Seat,
-        state: BoundState,
-        mine: list[Breakpoint],
-        code: SectionCode | None,
-    ) -> SectionCode:
-        def test_and_run(machine: Any) -> None:
-            target = seat.current
-            for each in mine:
-                if each.leaves:
-                    hits = each.state == state.name and each.target in ("", target.name)
-                else:
-                    hits = each.state == target.name and target is not state
-                if hits:
-                    self.test(each, seat, machine, state.name)
-            if code is not None:
-                code(machine)
 
-        return test_and_run
+def _reached_by_entering(seat: Seat, breakpoints: Iterable[Breakpoint]) -> Iterable[Breakpoint]:
+    return () if seat.arrival().source else breakpoints  # else announced by a probe in an OnExit
+
+
+def _reached_by_leaving(
+    seat: Seat, state: BoundState, breakpoints: Iterable[Breakpoint]
+) -> Iterator[Breakpoint]:
+    target = seat.current
+    for each in breakpoints:
+        if each.leaves:
+            hits = each.state == state.name and each.target in ("", target.name)
+        else:
+            hits = each.state == target.name and target is not state
+        if hits:
+            yield each

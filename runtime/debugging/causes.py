@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
-    from llfsm.runtime.engine.seat import BoundState, BoundTransition, Seat
+    from llfsm.runtime.engine.ringlet import BoundState, BoundTransition
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.engine.state import Transition
 
 
@@ -75,14 +76,14 @@ class LastTurns:
                 self._coming = ""
                 self._turns.pop(event.machine, None)
             if isinstance(event, Eval):
-                seat = self._arrangement.seat(event.machine)
+                seat = self._arrangement.roster.find(event.machine)
                 self._take(seat, event.state, event.transition, event.value, event.time_ns)
 
     def sample(self) -> None:
         """Keep the next turn of each machine in its state: to keep all would slow them down."""
         for each in self._sampled:
             each.end()
-        seats = [self._arrangement.seat(each.name) for each in self._arrangement.machines]
+        seats = [*self._arrangement.roster]
         self._sampled = [_Sampled(self, seat) for seat in seats if seat.current.transitions]
 
     def take_failure(self, seat: Seat, state: str, number: int, now_ns: int) -> None:
@@ -131,7 +132,7 @@ class _Sampled:
 
     def _watching(self, number: int) -> BoundTransition:
         limit_ns, guard, target = self._before[number]
-        seat, environment = self._seat, self._seat.arrangement.environment
+        seat, environment = self._seat, self._seat.kernel.environment
         now, is_last = environment.clock.now_ns, number == len(self._before) - 1
 
         def evaluate_and_take(machine: Any) -> bool:
@@ -302,7 +303,8 @@ class Sight(NamedTuple):
 
 def sight_of(arrangement: Arrangement, machine: str, turns: LastTurns, now_ns: int) -> Sight:
     """Explain a machine's transitions at `now_ns`, from its last turn if that is known."""
-    state, arrival = arrangement.standing(machine).state, arrangement.arrival(machine)
+    seat = arrangement.roster.find(machine)
+    state, arrival = seat.current.name, seat.arrival()
     turn, found = turns.of(machine), arrangement.machine(machine)
     if turn is not None and (turn.state, turn.entered_ns) == (state, arrival.entered_ns):
         return Sight(state, seen_in(turn, found), turn.time_ns, None)

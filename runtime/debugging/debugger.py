@@ -20,7 +20,7 @@ from llfsm.runtime.debugging.causes import Fired, LastTurns, Sight, raised_at, s
 from llfsm.runtime.debugging.leases import Lease
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError, OptionError
 from llfsm.runtime.engine.events import Eval, Event, Turn
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.message_text import parse_message
 
 if TYPE_CHECKING:
@@ -91,12 +91,12 @@ class Debugger:
         """What the machines have evaluated last."""
         self._hits: list[str] = []  # the breakpoints at which it is to be paused
         self._hit_in = ""  # the machine at whose breakpoint, or after whose step, it is paused
-        arrangement.instrument = self
+        arrangement.kernel.instrument = self
 
     @classmethod
     def of(cls, arrangement: Arrangement) -> Self:
         """Give the debugger of an arrangement, or make one."""
-        found = arrangement.instrument
+        found = arrangement.kernel.instrument
         return found if isinstance(found, cls) else cls(arrangement)
 
     @property
@@ -107,7 +107,7 @@ class Debugger:
     @property
     def paused(self) -> str:
         """The reason for the pause, as "breakpoint Wall:STOP"; "" while there is none."""
-        return self.arrangement.paused
+        return self.arrangement.kernel.paused
 
     @property
     def machine(self) -> str:
@@ -116,7 +116,7 @@ class Debugger:
         At a breakpoint it is the breakpoint's, after a step the one that has fired or left its
         state, else the one whose turn is to come.
         """
-        loaded = (each.machine for each in filter(None, self.arrangement.standings()))
+        loaded = (each.machine for each in filter(None, self.arrangement.roster.standings()))
         if self._hit_in in loaded:  # one that has failed may be no more
             return self._hit_in
         return self.turn.machine if self.turn else ""
@@ -175,7 +175,7 @@ class Debugger:
                 goal = Goal("step: transition", lambda _: self._shows(self._arrived))
             case "leave":
                 name = machine or self.machine
-                state = self.arrangement.standing(name).state
+                state = self.arrangement.state_name_of(name)
                 goal = Goal(
                     f"step: {name} left {state}",
                     lambda _: not self.stands(name, state) and self._shows(name),
@@ -198,9 +198,9 @@ class Debugger:
         """
         found = [Breakpoint.parse(text) for text in texts]
         new = [each for each in found if each.text not in self.breakpoints]
-        machines = {**self.arrangement.classes, **(library or {})}
+        machines = {**self.arrangement.control.loader.classes, **(library or {})}
         machines.update((each.name, type(each)) for each in self.arrangement.machines)
-        check_breakpoints(new, machines, self.arrangement.slots_read)
+        check_breakpoints(new, machines, self.arrangement.roster.slots_read)
         self._equip(found)
 
     @property
@@ -230,7 +230,7 @@ class Debugger:
         With a lease, it is released when that is over, unless it comes again. Raise what
         `Arrangement.override` raises, and `MessageFieldError`.
         """
-        slot = self.arrangement.slot_of(machine, sensor)
+        slot = self.arrangement.control.slot_of(machine, sensor)
         message = None if text.strip() == "null" else parse_message(slot, text)
         self.arrangement.override(machine, sensor, message)
         if lease_s is not None:
@@ -242,7 +242,9 @@ class Debugger:
 
     def left_s(self, machine: str, sensor: str) -> float | None:
         """Count the seconds that a sensor stays overridden; None if only a release ends that."""
-        lease = self._overrides.get((machine, self.arrangement.slot_of(machine, sensor).name))
+        lease = self._overrides.get(
+            (machine, self.arrangement.control.slot_of(machine, sensor).name)
+        )
         return None if lease is None else lease.left_s
 
     def pause_left_s(self) -> float | None:
@@ -254,8 +256,8 @@ class Debugger:
         for (machine, slot), lease in [*self._overrides.items()]:
             if lease.is_over:
                 self.end_lease(machine, slot)
-                for sensor in self.arrangement.overridden(machine):
-                    if self.arrangement.slot_of(machine, sensor).name == slot:
+                for sensor in self.arrangement.roster.find(machine).overridden:
+                    if self.arrangement.control.slot_of(machine, sensor).name == slot:
                         what = "nobody renews the override: %s: %s is released"
                         logger().warning(what, machine, sensor)
                         self.arrangement.release(machine, sensor)
@@ -265,9 +267,9 @@ class Debugger:
         self._probes = Probes(breakpoints, self._hit, self._probes)
         self.leases = {text: self.leases[text] for text in self.breakpoints if text in self.leases}
         slots |= {each.slot for each in self._probes.breakpoints}
-        self.arrangement.equip(self)
+        self.arrangement.kernel.equip(self)
         for slot in slots - {""}:
-            self.arrangement.read_again(slot)
+            self.arrangement.kernel.read_again(slot)
 
     def bound(self, seat: Seat) -> None:
         """Wrap the sections that breakpoints are in."""
@@ -285,7 +287,7 @@ class Debugger:
         self._probes.test_failures(seat)
         if self._goal is not goal:
             self.fired = Fired.failed(seat, error, now_ns)
-        if self._goal is not None and self.arrangement.on_error == "stop":
+        if self._goal is not None and self.arrangement.kernel.on_error == "stop":
             self._wait(f"{self._goal.why}: {error}", None)
 
     def _hit(self, breakpoint: Breakpoint, problem: str, seat: Seat, source: str) -> None:
@@ -318,33 +320,33 @@ class Debugger:
 
     def stands(self, machine: str, state: str) -> bool:
         """Check that a machine is loaded, and in that state."""
-        standings = filter(None, self.arrangement.standings())
+        standings = filter(None, self.arrangement.roster.standings())
         return any((each.machine, each.state) == (machine, state) for each in standings)
 
     def _run(self, goal: Goal) -> None:
         self._goal = goal
-        if self not in self.arrangement.observers:
+        if self not in self.arrangement.kernel.observers:
             self.turns.forget()
             self.arrangement.attach(self)
         self._release()
         self.arrangement.environment.wake()
 
     def _release(self) -> None:
-        self.arrangement.paused = ""
+        self.arrangement.kernel.paused = ""
         self._is_paused.clear()
         self._go.set()
 
     def _begin(self, why: str) -> None:
-        self.arrangement.paused = why
+        self.arrangement.kernel.paused = why
         if self._on_pause == "safe":
-            for standing in filter(None, self.arrangement.standings()):
-                self.arrangement.post_safe(standing.machine)
+            for standing in filter(None, self.arrangement.roster.standings()):
+                self.arrangement.control.post_safe(standing.machine)
         self.pauses += 1
         self._is_paused.set()
 
     def _hold(self, is_over: Callable[[], bool]) -> None:
         """Wait in the machines' thread until the pause is over; a stop ends it, too."""
-        self.arrangement.pause(is_over)
+        self.arrangement.kernel.pause(is_over)
 
     def _wait(self, why: str, turn: Turn | None) -> None:
         self._go.clear()
@@ -366,7 +368,7 @@ class Debugger:
             self._hold(is_over)
         finally:
             self._is_paused.clear()
-            self.turn, self.fired, self._hit_in, self.arrangement.paused = None, None, "", ""
+            self.turn, self.fired, self._hit_in, self.arrangement.kernel.paused = None, None, "", ""
             self._hits.clear()
             if not self._go.is_set():  # a stop or an error has ended it
                 self.proceed()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from llfsm.errors import LlfsmError
 from llfsm.runtime.debugging.debugger import Debugger
 from llfsm.runtime.debugging.leases import LEASE_S
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.messages.llfsm import MachineWhy, SeenTransition
 
 if TYPE_CHECKING:

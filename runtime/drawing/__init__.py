@@ -8,12 +8,12 @@ writers), `style` and `typeset` (looks and words), `diagram`, the two layouts, `
 `formats`, the table of all formats.
 """
 
+from llfsm.runtime.drawing._dot import to_dot
+from llfsm.runtime.drawing._mermaid import to_mermaid
+from llfsm.runtime.drawing._timeline import Stay, Timeline, timeline
 from llfsm.runtime.drawing.arrange import MachineLinks, arrange, overview
 from llfsm.runtime.drawing.curves import Point
 from llfsm.runtime.drawing.diagram import Box, Diagram, Edge, Label, to_png, to_svg
-from llfsm.runtime.drawing.dot import to_dot
-from llfsm.runtime.drawing.mermaid import to_mermaid
-from llfsm.runtime.drawing.timeline import Stay, Timeline, timeline
 
 __all__ = [
     "Box",

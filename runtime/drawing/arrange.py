@@ -103,16 +103,13 @@ def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Cu
 
 def framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Diagram:
     """Make a diagram with a frame around its boxes, labels and curves."""
-    x = [point.x + side for point in start[:1] for side in (-DOT, DOT)]
-    y = [point.y + side for point in start[:1] for side in (-DOT, DOT)]
-    items: list[Box | Label] = [*boxes, *(edge.label for edge in edges)]
-    for item in items:
-        x += item.x - item.width / 2, item.x + item.width / 2
-        y += item.y - item.height / 2, item.y + item.height / 2
-    for edge in edges:
-        points = sample(edge.curve)
-        x += (point.x for point in points)
-        y += (point.y for point in points)
+    points = [point for edge in edges for point in sample(edge.curve)]
+    dots = (Box("", dot.x, dot.y, 2 * DOT, 2 * DOT, ()) for dot in start[:1])
+    items: list[Box | Label] = [*boxes, *(edge.label for edge in edges), *dots]
+    x = [item.x + side * item.width / 2 for item in items for side in (-1, 1)]
+    y = [item.y + side * item.height / 2 for item in items for side in (-1, 1)]
+    x += (point.x for point in points)
+    y += (point.y for point in points)
     left, top = min(x) - MARGIN - LINE, min(y) - MARGIN - LINE
     width, height = max(x) + MARGIN + LINE - left, max(y) + MARGIN + LINE - top
     return Diagram(title, left, top, width, height, tuple(boxes), tuple(edges), start)

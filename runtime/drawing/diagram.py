@@ -13,19 +13,9 @@ from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
-from llfsm.runtime.drawing import style
+from llfsm.runtime.drawing import shapes, style
 from llfsm.runtime.drawing.curves import Curve, Point
 from llfsm.runtime.drawing.png import write_png
-from llfsm.runtime.drawing.shapes import (
-    Ellipse,
-    Group,
-    Path,
-    Picture,
-    Polygon,
-    Rectangle,
-    Shape,
-    Text,
-)
 from llfsm.runtime.drawing.svg import write_svg
 from llfsm.runtime.drawing.typeset import (
     SectionText,
@@ -157,12 +147,9 @@ def make_box(
     state: str,
     sections: tuple[SectionText, ...] = (),
     *,
-    initial: bool = False,
-    accepting: bool = False,
-    suspend: bool = False,
-    slot: bool = False,
     width: float = 0,
     height: float = 0,
+    **kinds: bool,
 ) -> Box:
     """Make the box of a state, at (0, 0): at least as large as asked and as its text needs."""
     title = wrap(state)
@@ -173,7 +160,7 @@ def make_box(
         widths += [code_width(line, style.CODE_SIZE) for line in section.lines]
         needed += _HEADING + len(section.lines) * line_height(style.CODE_SIZE)
     width, height = max(width, max(widths) + 2 * _PADDING), max(height, needed)
-    return Box(state, 0, 0, width, height, title, sections, initial, accepting, suspend, slot)
+    return Box(state, 0, 0, width, height, title, sections, **kinds)
 
 
 def cut_sections(
@@ -198,30 +185,30 @@ def cut_sections(
     return tuple(kept)
 
 
-def box_lines(box: Box) -> Iterator[Text]:
+def box_lines(box: Box) -> Iterator[shapes.Text]:
     """Yield the lines of a box: its title, in the middle or above the sections, and these."""
     y = box.top + _ABOVE_SECTIONS if box.sections else box.y - _title_height(box.title) / 2
     for line in box.title:
         y += line_height(style.TITLE_SIZE)
         base = y - line_height(style.TITLE_SIZE) / 2 + _BASELINE * style.TITLE_SIZE
-        yield Text(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
+        yield shapes.Text(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
     x = box.left + _PADDING
     for section in box.sections:
         y += _HEADING
         base = y - _BASELINE * style.HEADING_SIZE
-        yield Text(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
+        yield shapes.Text(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
         for line in section.lines:
             y += line_height(style.CODE_SIZE)
             base = y - _BASELINE * style.CODE_SIZE
-            yield Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
+            yield shapes.Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
 
 
-def label_lines(label: Label) -> Iterator[Text]:
+def label_lines(label: Label) -> Iterator[shapes.Text]:
     """Yield the lines of a label, from the top."""
     size = style.LABEL_SIZE
     y = label.y - (len(label.lines) - 1) / 2 * line_height(size) + _BASELINE * size
     for line in label.lines:
-        yield Text(label.x, y, line, size, style.LABEL, "regular", True)
+        yield shapes.Text(label.x, y, line, size, style.LABEL, "regular", True)
         y += line_height(size)
 
 
@@ -251,11 +238,11 @@ def to_png(diagram: Diagram) -> bytes:
     return write_png(_picture(diagram))
 
 
-def _picture(diagram: Diagram) -> Picture:
-    shapes = [
+def _picture(diagram: Diagram) -> shapes.Picture:
+    drawn = [
         *(
-            Group(
-                [Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
+            shapes.Group(
+                [shapes.Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
                  *_arrow(diagram.start, style.INK)],
                 attributes={"class": "start"},
             )
@@ -265,39 +252,41 @@ def _picture(diagram: Diagram) -> Picture:
         *(_box(box) for box in diagram.boxes),
         *(_group(edge, _label(edge)) for edge in diagram.edges),
     ]  # fmt: skip
-    return Picture(
-        printable(diagram.title), diagram.width, diagram.height, style.BACKGROUND, shapes,
+    return shapes.Picture(
+        printable(diagram.title), diagram.width, diagram.height, style.BACKGROUND, drawn,
         diagram.left, diagram.top,
     )  # fmt: skip
 
 
-def _group(edge: Edge, shapes: Iterator[Shape]) -> Group:
+def _group(edge: Edge, drawn: Iterator[shapes.Shape]) -> shapes.Group:
     marks = {
         "class": "transition",
         "data-transition": f"{printable(edge.source)}:{edge.number}",
         "data-target": printable(edge.target),
     }
-    return Group([*shapes], attributes=marks)
+    return shapes.Group([*drawn], attributes=marks)
 
 
-def _arrow(curve: Curve, color: str) -> Iterator[Shape]:
-    yield Path(curve, color, style.LINE)
-    yield Polygon(arrow_head(curve), color)
+def _arrow(curve: Curve, color: str) -> Iterator[shapes.Shape]:
+    yield shapes.Path(curve, color, style.LINE)
+    yield shapes.Polygon(arrow_head(curve), color)
 
 
-def _label(edge: Edge) -> Iterator[Shape]:
+def _label(edge: Edge) -> Iterator[shapes.Shape]:
     label = edge.label
     left, top = label.x - label.width / 2, label.y - label.height / 2
-    yield Rectangle(left, top, label.width, label.height, style.LABEL_CORNER, style.BACKGROUND)
+    yield shapes.Rectangle(
+        left, top, label.width, label.height, style.LABEL_CORNER, style.BACKGROUND
+    )
     yield from label_lines(label)
 
 
-def _box(box: Box) -> Group:
+def _box(box: Box) -> shapes.Group:
     marks = ("initial", box.initial), ("accepting", box.accepting), ("suspend", box.suspend)
     corner, fill = (box.height / 2, style.BACKGROUND) if box.slot else (style.CORNER, style.FILL)
     kinds = " ".join(["slot" if box.slot else "state", *(name for name, marked in marks if marked)])
     frames = [
-        Rectangle(
+        shapes.Rectangle(
             box.left + inset, box.top + inset, box.width - 2 * inset, box.height - 2 * inset,
             corner - inset / 2, fill, style.BORDER, style.LINE,
             style.DASH if box.suspend else None,
@@ -305,7 +294,7 @@ def _box(box: Box) -> Group:
         for inset in ((0.0, style.RIM) if box.accepting else (0.0,))
     ]  # fmt: skip
     attributes = {"class": kinds, "data-state": printable(box.state)}
-    return Group([*frames, *box_lines(box)], attributes=attributes)
+    return shapes.Group([*frames, *box_lines(box)], attributes=attributes)
 
 
 def arrow_head(curve: Curve) -> tuple[Point, Point, Point]:

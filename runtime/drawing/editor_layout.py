@@ -37,7 +37,7 @@ _STEPS = 96  # in which a curve is searched for the borders of boxes
 _TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
-_CELL = 64.0
+_CELL = 160.0
 _MOST = 4096.0  # half the width and height of what is in cells, and looked for in them
 _FAR = 1e12  # beyond, the cells cannot be numbered exactly
 
@@ -63,7 +63,7 @@ def editor_layout(
     for arrow in arrows:
         paths = layout.transitions.get(boxes[arrow.source].state, ())
         if arrow.number < len(paths):
-            path = _moved(paths[arrow.number], moves[arrow.source], moves[arrow.target])
+            path = moved_path(paths[arrow.number], moves[arrow.source], moves[arrow.target])
             curve = given_curve(path, boxes[arrow.source], boxes[arrow.target])
             if curve is not None:
                 curves[arrow] = curve
@@ -157,14 +157,13 @@ def _beside(box: Box, other: Box) -> Box:
     return replace(box, y=other.y + (y if box.y >= other.y else -y))
 
 
-def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath:
+def moved_path(
+    path: TransitionPath, source: tuple[float, float], target: tuple[float, float]
+) -> TransitionPath:
     """Move the two halves of a path as its boxes have moved."""
-    return TransitionPath(
-        (path.src[0] + source.x, path.src[1] + source.y),
-        (path.dst[0] + target.x, path.dst[1] + target.y),
-        (path.control1[0] + source.x, path.control1[1] + source.y),
-        (path.control2[0] + target.x, path.control2[1] + target.y),
-    )
+    points = (path.src, path.dst, path.control1, path.control2)
+    moves = zip(points, (source, target, source, target), strict=True)
+    return TransitionPath(*((x + dx, y + dy) for (x, y), (dx, dy) in moves))
 
 
 def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+from llfsm.runtime.drawing._dot import to_dot
+from llfsm.runtime.drawing._mermaid import to_mermaid
 from llfsm.runtime.drawing.arrange import arrange
 from llfsm.runtime.drawing.diagram import Diagram, to_png, to_svg
-from llfsm.runtime.drawing.dot import to_dot
-from llfsm.runtime.drawing.mermaid import to_mermaid
 from llfsm.runtime.engine.table import Table
 
 

@@ -13,18 +13,8 @@ from itertools import pairwise
 from math import ceil, cos, hypot, pi, radians, sin
 from typing import TYPE_CHECKING, TypeAlias
 
+from llfsm.runtime.drawing import shapes
 from llfsm.runtime.drawing.curves import Point, sample
-from llfsm.runtime.drawing.shapes import (
-    Ellipse,
-    Group,
-    Line,
-    Path,
-    Picture,
-    Polygon,
-    Rectangle,
-    Shape,
-    Text,
-)  # fmt: skip
 from llfsm.runtime.engine.errors import DrawingError
 
 if TYPE_CHECKING:
@@ -45,7 +35,7 @@ _MONOSPACED = ("DejaVuSansMono.ttf", "LiberationMono-Regular.ttf", "Menlo.ttc", 
 _Place: TypeAlias = Callable[[tuple[float, float]], tuple[float, float]]
 
 
-def write_png(picture: Picture) -> bytes:
+def write_png(picture: shapes.Picture) -> bytes:
     """Write a picture as a PNG file.
 
     Raise `DrawingError` without Pillow, or for a picture too large to draw.
@@ -81,27 +71,27 @@ class _Painter:
         self.draw = draw
         self.unit = unit
 
-    def paint(self, shapes: Iterable[Shape], place: _Place) -> None:
+    def paint(self, drawn: Iterable[shapes.Shape], place: _Place) -> None:
         """Paint shapes whose points `place` maps to pixels."""
-        for shape in shapes:
+        for shape in drawn:
             match shape:
-                case Line(points, color, width):
+                case shapes.Line(points, color, width):
                     self.line(map(place, points), color, width)
                     self.ends([place(points[0]), place(points[-1])], color, width)
-                case Path(curve, color, width):
+                case shapes.Path(curve, color, width):
                     points = sample(curve, 20 * ((len(curve) - 1) // 3))
                     self.line(map(place, points), color, width)
-                case Polygon(points, fill):
+                case shapes.Polygon(points, fill):
                     self.draw.polygon([place(point) for point in points], fill)
-                case Ellipse(x, y, rx, ry, fill, turn):
+                case shapes.Ellipse(x, y, rx, ry, fill, turn):
                     within = _within(place, x, y, turn)
                     angles = (2 * pi * corner / _CORNERS for corner in range(_CORNERS))
                     self.draw.polygon([within((rx * cos(a), ry * sin(a))) for a in angles], fill)
-                case Rectangle():
+                case shapes.Rectangle():
                     self.rectangle(shape, place)
-                case Text():
+                case shapes.Text():
                     self.text(shape, place)
-                case Group(members, x, y, turn):
+                case shapes.Group(members, x, y, turn):
                     self.paint(members, _within(place, x, y, turn))
 
     def line(self, points: Iterable[tuple[float, float]], color: str, width: float) -> None:
@@ -112,7 +102,7 @@ class _Painter:
         for x, y in points:
             self.draw.ellipse((x - radius, y - radius, x + radius, y + radius), color)
 
-    def rectangle(self, shape: Rectangle, place: _Place) -> None:
+    def rectangle(self, shape: shapes.Rectangle, place: _Place) -> None:
         outline = _outline(shape)
         self.draw.polygon([place(point) for point in outline], shape.fill)
         if shape.stroke is None:
@@ -121,7 +111,7 @@ class _Painter:
         for dash in dashes:
             self.line(map(place, dash), shape.stroke, shape.stroke_width)
 
-    def text(self, shape: Text, place: _Place) -> None:
+    def text(self, shape: shapes.Text, place: _Place) -> None:
         stroke = 0.02 if shape.face == "bold" else 0.0
         if shape.rim is not None:
             stroke = 0.125
@@ -143,7 +133,7 @@ def _within(place: _Place, x: float, y: float, turn: float) -> _Place:
     return lambda p: place((x + c * p[0] - s * p[1], y + s * p[0] + c * p[1]))
 
 
-def _fonts_for(shape: Text) -> tuple[str, ...]:
+def _fonts_for(shape: shapes.Text) -> tuple[str, ...]:
     """List the system's fonts to look for, where Pillow's own lacks characters or width."""
     if shape.face == "code":
         return _MONOSPACED
@@ -163,7 +153,7 @@ def _font(names: tuple[str, ...], size: float) -> FreeTypeFont | ImageFont:
     return ImageFont.load_default(size)
 
 
-def _outline(shape: Rectangle) -> list[Point]:
+def _outline(shape: shapes.Rectangle) -> list[Point]:
     """List the points around a rectangle with round corners, the first one again at the end."""
     corner = shape.corner
     left, right = shape.left, shape.left + shape.width

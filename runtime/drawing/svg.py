@@ -6,17 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from html import escape
 
-from llfsm.runtime.drawing.shapes import (
-    Ellipse,
-    Group,
-    Line,
-    Path,
-    Picture,
-    Polygon,
-    Rectangle,
-    Shape,
-    Text,
-)  # fmt: skip
+from llfsm.runtime.drawing import shapes
 
 _FACES = {
     "regular": "",
@@ -27,7 +17,7 @@ _FACES = {
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def write_svg(picture: Picture) -> str:
+def write_svg(picture: shapes.Picture) -> str:
     """Write a picture as the text of an SVG file. Its own text may hold any character."""
     x, y, width, height = map(_number, (picture.left, picture.top, picture.width, picture.height))
     lines = [
@@ -42,29 +32,29 @@ def write_svg(picture: Picture) -> str:
     return "\n".join([*lines, "</svg>", ""])
 
 
-def _elements(shapes: Iterable[Shape]) -> Iterator[str]:
-    for shape in shapes:
+def _elements(drawn: Iterable[shapes.Shape]) -> Iterator[str]:
+    for shape in drawn:
         match shape:
-            case Line(points, color, width):
+            case shapes.Line(points, color, width):
                 yield (
                     f'<polyline points="{_points(points)}" fill="none" stroke="{color}"'
                     f' stroke-width="{_number(width)}" stroke-linecap="round"'
                     ' stroke-linejoin="round"/>'
                 )
-            case Path(curve, color, width):
+            case shapes.Path(curve, color, width):
                 yield (
                     f'<path d="M{_points(curve[:1])} C{_points(curve[1:])}" fill="none"'
                     f' stroke="{color}" stroke-width="{_number(width)}"/>'
                 )
-            case Polygon(points, fill):
+            case shapes.Polygon(points, fill):
                 yield f'<polygon points="{_points(points)}" fill="{fill}"/>'
-            case Ellipse():
+            case shapes.Ellipse():
                 yield _ellipse(shape)
-            case Rectangle():
+            case shapes.Rectangle():
                 yield _rectangle(shape)
-            case Text():
+            case shapes.Text():
                 yield _label(shape)
-            case Group(members, x, y, turn, attributes):
+            case shapes.Group(members, x, y, turn, attributes):
                 marks = "".join(f' {name}="{_text(text)}"' for name, text in attributes.items())
                 if x or y or turn:
                     moved = f"translate({_number(x)} {_number(y)}) rotate({_number(turn)})"
@@ -74,7 +64,7 @@ def _elements(shapes: Iterable[Shape]) -> Iterator[str]:
                 yield "</g>"
 
 
-def _ellipse(shape: Ellipse) -> str:
+def _ellipse(shape: shapes.Ellipse) -> str:
     x, y, rx, ry, turn = map(_number, (shape.x, shape.y, shape.rx, shape.ry, shape.turn))
     if rx == ry:
         return f'<circle cx="{x}" cy="{y}" r="{rx}" fill="{shape.fill}"/>'
@@ -82,7 +72,7 @@ def _ellipse(shape: Ellipse) -> str:
     return f'<ellipse cx="{x}" cy="{y}" rx="{rx}" ry="{ry}" fill="{shape.fill}"{turned}/>'
 
 
-def _rectangle(shape: Rectangle) -> str:
+def _rectangle(shape: shapes.Rectangle) -> str:
     x, y, width, height, corner = map(
         _number, (shape.left, shape.top, shape.width, shape.height, shape.corner)
     )
@@ -97,7 +87,7 @@ def _rectangle(shape: Rectangle) -> str:
     )
 
 
-def _label(shape: Text) -> str:
+def _label(shape: shapes.Text) -> str:
     x, y, size = map(_number, (shape.x, shape.y, shape.size))
     looks = _FACES[shape.face] + ("" if shape.centred else ' text-anchor="start"')
     if shape.rim is not None:

@@ -5,7 +5,7 @@ Read in this order: `draft` (a bundle's files, on disk and in memory while an ed
 `document` (edits, undo and what others do) and `class_document`.
 """
 
-from llfsm.runtime.editing.document import Document, Edit, decode_edits
+from llfsm.runtime.editing._document import Document, Edit, decode_edits
 from llfsm.runtime.editing.errors import EditConflictError, EditError
 
 __all__ = ["Document", "Edit", "EditConflictError", "EditError", "decode_edits"]

@@ -17,10 +17,10 @@ from llfsm.runtime.bundles.plist import read_layout
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.converting.class_files import LAYOUT_SUFFIX
 from llfsm.runtime.converting.class_process import ClassName, ClassText, convert_class, read_class
-from llfsm.runtime.editing.document import Document
-from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChanges
+from llfsm.runtime.editing._document import Document
+from llfsm.runtime.editing._draft import BundleFolder, Draft, FileChanges
+from llfsm.runtime.editing._layout_edits import LAYOUT
 from llfsm.runtime.editing.errors import EditError
-from llfsm.runtime.editing.layout_edits import LAYOUT
 from llfsm.runtime.engine.errors import BundleError
 
 
@@ -77,19 +77,17 @@ class ClassDocument(Document):
         return self._machine.arguments
 
     def _look(self) -> bool:
+        mark: tuple[int, ...] = ()
         try:
             status = os.stat(self.path)
-        except OSError as error:
-            mark: tuple[int, ...] = ()
-            text: ClassText | BundleError = BundleError(error.strerror or str(error), self.path)
-        else:
             mark = (status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
             if mark == self._mark:
                 return False
-            try:
-                text = read_class(self._machine)
-            except BundleError as error:
-                text = error
+            text: ClassText | BundleError = read_class(self._machine)
+        except BundleError as error:
+            text = error
+        except OSError as error:
+            text = BundleError(error.strerror or str(error), self.path)
         has_changed = mark != self._mark or self._text is None
         self._mark, self._text = mark, text
         return has_changed

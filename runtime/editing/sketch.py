@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TypeAlias
 
 from llfsm.runtime.bundles.code import label_of
 from llfsm.runtime.bundles.compiling import cpp_label
@@ -29,7 +28,14 @@ from llfsm.runtime.drawing.diagram import (
     make_box,
     make_label,
 )
-from llfsm.runtime.drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
+from llfsm.runtime.drawing.editor_layout import (
+    Grid,
+    bowed_curve,
+    given_curve,
+    label_places,
+    overlap,
+    place_boxes,
+)
 from llfsm.runtime.drawing.style import MARGIN
 from llfsm.runtime.drawing.typeset import SectionText, text_lines
 from llfsm.runtime.engine.errors import BundleError
@@ -40,10 +46,7 @@ _BOW = 26.0  # between arrows that connect the same states
 _ALONG = (0.5, 0.28, 0.72)  # where their labels are
 _START = 26.0  # the length of the arrow to the initial state
 _BESIDE = (0.0, 14.0, -14.0, 40.0, -40.0)  # the arrow, where labels have room
-_CELL = 160.0  # of the drawing, in which things are compared
-_MOST = 8192.0  # the width and height of what is in cells
 _LOOP = Label(0, 0, 0, 0, ())
-_Sides: TypeAlias = tuple[float, float, float, float]
 
 
 def sketch(bundle: Bundle) -> Diagram:
@@ -53,7 +56,9 @@ def sketch(bundle: Bundle) -> Diagram:
     boxes = placed_boxes(bundle)
     paths = {} if bundle.layout is None else bundle.layout.transitions
     pairs: Counter[frozenset[int]] = Counter()
-    room = _Room(boxes)
+    taken: Grid[Box | Label] = Grid()
+    for box in boxes:
+        taken.add(box, box.x, box.y, box.width, box.height)
     edges = []
     for arrow in _arrows(bundle):
         own = paths.get(boxes[arrow.source].state, ())
@@ -63,7 +68,7 @@ def sketch(bundle: Bundle) -> Diagram:
             path, boxes[arrow.source], boxes[arrow.target], pairs[pair], arrow.label
         )
         pairs[pair] += 1
-        edges.append(arrow.edge(boxes, curve, room.place(label, curve)))
+        edges.append(arrow.edge(boxes, curve, _placed(label, curve, taken)))
     first = boxes[0]
     start = straight(Point(first.x, first.top - _START), Point(first.x, first.top))
     return _framed(bundle.name, boxes, edges, start)
@@ -82,7 +87,7 @@ def automatic(bundle: Bundle) -> MachineLayout:
     states = {}
     for box in boxes:
         before = old.get(box.state, StateBox(0, 0, box.width, box.height))
-        states[box.state] = replace(before, x=round(box.x, 1), y=round(box.y, 1))
+        states[box.state] = before._replace(x=round(box.x, 1), y=round(box.y, 1))
     paths: dict[str, list[TransitionPath]] = {}
     for edge in sorted(edges, key=lambda edge: edge.number):
         paths.setdefault(edge.source, []).append(_path(edge.curve))
@@ -135,25 +140,17 @@ def _made_label(text: str) -> Label:
 def _boxes(bundle: Bundle) -> list[Box]:
     given = bundle.layout.states if bundle.layout else {}
     python = bundle.language in _IN_PYTHON
-    return [
-        _box(
-            state,
-            given.get(state.name, _UNPLACED),
-            python=python,
-            initial=i == 0,
-            accepting=not state.transitions,
-            suspend=state.name == bundle.suspend,
-        )
-        for i, state in enumerate(bundle.states)
-    ]
-
-
-_UNPLACED = StateBox(0, 0, 0, 0)
-
-
-def _box(state: BundleState, given: StateBox, *, python: bool, **kinds: bool) -> Box:
-    shown = _sections(state, python=python) if given.expanded else ()
-    return _made_box(state.name, shown, given.w, given.h, **kinds)
+    boxes = []
+    for state in bundle.states:
+        place = given.get(state.name, StateBox(0, 0, 0, 0))
+        shown = _sections(state, python=python) if place.expanded else ()
+        kinds = {
+            "initial": state is bundle.states[0],
+            "accepting": not state.transitions,
+            "suspend": state.name == bundle.suspend,
+        }
+        boxes.append(_made_box(state.name, shown, place.w, place.h, **kinds))
+    return boxes
 
 
 @lru_cache(maxsize=4096)
@@ -188,60 +185,23 @@ def _drawn(
     return curve, replace(label, x=middle.x, y=middle.y)
 
 
-class _Room:
-    """The sides of all that is drawn, in cells, so that a label is compared with few of them."""
-
-    def __init__(self, boxes: Iterable[Box]):
-        self._cells: dict[tuple[int, int], list[_Sides]] = {}
-        self._large: list[_Sides] = []  # or without a place
-        for box in boxes:
-            self._add(_sides(box.x, box.y, box.width, box.height))
-
-    def _add(self, sides: _Sides) -> None:
-        left, right, top, bottom = sides
-        if not right - left + bottom - top < _MOST:
-            self._large.append(sides)
-            return
-        for i in range(int(left // _CELL), int(right // _CELL) + 1):
-            for j in range(int(top // _CELL), int(bottom // _CELL) + 1):
-                self._cells.setdefault((i, j), []).append(sides)
-
-    def place(self, label: Label, curve: Curve) -> Label:
-        """Add a label where it covers nothing: where it is, or along its arrow or beside it."""
-        width, height = label.width, label.height
-        sides = _sides(label.x, label.y, width, height)
-        if not self._is_free(sides):
-            for x, y in _label_places(label, curve):
-                moved = _sides(x, y, width, height)
-                if self._is_free(moved):
-                    label, sides = replace(label, x=x, y=y), moved
-                    break
-        self._add(sides)
-        return label
-
-    def _is_free(self, sides: _Sides) -> bool:
-        left, right, top, bottom = sides
-        if not right - left + bottom - top < _MOST:
-            return True
-        cells = self._cells
-        for i in range(int(left // _CELL), int(right // _CELL) + 1):
-            for j in range(int(top // _CELL), int(bottom // _CELL) + 1):
-                for a, b, c, d in cells.get((i, j), ()):
-                    if a < right and left < b and c < bottom and top < d:
-                        return False
-        return not any(
-            a < right and left < b and c < bottom and top < d for a, b, c, d in self._large
-        )
-
-
-def _sides(x: float, y: float, width: float, height: float) -> _Sides:
-    """Return left, right, top and bottom."""
-    return x - width / 2, x + width / 2, y - height / 2, y + height / 2
+def _placed(label: Label, curve: Curve, taken: Grid[Box | Label]) -> Label:
+    """Add a label where it covers nothing, else where it is."""
+    width, height = label.width, label.height
+    for each in _label_places(label, curve):
+        near = taken.near(each.x, each.y, width, height)
+        if not any(overlap(each, other) for other in near):
+            label = each
+            break
+    taken.add(label, label.x, label.y, width, height)
+    return label
 
 
 @lru_cache(maxsize=4096)
-def _label_places(label: Label, curve: Curve) -> tuple[Point, ...]:
-    return tuple(label_places(label, curve, _BESIDE, _ALONG))
+def _label_places(label: Label, curve: Curve) -> tuple[Label, ...]:
+    """List places for a label: where it is, along its arrow and beside it."""
+    others = label_places(label, curve, _BESIDE, _ALONG)
+    return (label, *(replace(label, x=x, y=y) for x, y in others))
 
 
 def _framed(title: str, boxes: Sequence[Box], edges: Sequence[Edge], start: Curve) -> Diagram:

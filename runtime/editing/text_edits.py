@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from typing import TypeAlias
 
 import msgspec
 
 from llfsm.runtime.bundles.read import PARTS
-from llfsm.runtime.editing.draft import Draft
+from llfsm.runtime.editing._draft import CodeEdit, Draft
 from llfsm.runtime.editing.errors import EditConflictError, EditError
 
 _OF_MACHINE = ("Includes", "Variables", "Methods")
@@ -30,16 +31,14 @@ class TextPlace(msgspec.Struct, frozen=True):
     number: int | None = None
 
 
-class SetText(msgspec.Struct, frozen=True, tag="set text", tag_field="edit"):
+class SetText(CodeEdit, frozen=True, tag="set text"):
     """Set a text. It must still be `was`; else somebody else has changed it, and it is kept."""
 
     place: TextPlace
     text: str
     was: str
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         name = text_file(draft, self.place)
         if text_of(draft.files.get(name, b"")) != self.was:
             raise EditConflictError(f"not written: {name} has changed meanwhile; look at it first")
@@ -74,7 +73,7 @@ _IMPORTS = (ast.Import, ast.ImportFrom)
 _BLOCKS = ("class ", "def ", "async ", "@")
 
 
-class Include(msgspec.Struct, frozen=True, tag="include", tag_field="edit"):
+class Include(CodeEdit, frozen=True, tag="include"):
     """Include statements for the whole machine, but for those that are there already.
 
     Imports are placed behind its imports, and others at the end.
@@ -82,11 +81,12 @@ class Include(msgspec.Struct, frozen=True, tag="include", tag_field="edit"):
 
     text: str
 
-    def apply(self, draft: Draft) -> None:
-        """Make the edit in a draft."""
-        draft.require_python()
+    def _change(self, draft: Draft) -> None:
         name = text_file(draft, TextPlace("Includes"))
         draft.put_text(name, _with(text_of(draft.files.get(name, b"")), self.text))
+
+
+TextEdit: TypeAlias = SetText | Include
 
 
 def _with(old: str, new: str) -> str:

@@ -1,1 +1,1 @@
-"""What gives machines their turns; nothing here imports anything else of the runtime."""
+"""Give machines their turns. Nothing here imports anything else of the runtime but its logger."""

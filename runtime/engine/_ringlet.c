@@ -29,17 +29,14 @@ static PyObject *take_error(void)
     return error;
 }
 
-/* Raise the error that a function of failure.py makes of a value, or of another error. */
-static void raise_failure(const struct ringlet *self, const char *function, PyObject *value)
+/* Raise the error that a method of the seat makes of a value, or of another error. */
+static void raise_failure(const struct ringlet *self, const char *method, PyObject *value)
 {
-    PyObject *module = PyImport_ImportModule("llfsm.runtime.engine.failure"), *error = NULL;
-    if (module)
-        error = PyObject_CallMethod(module, function, "OOOO", self->seat, self->state,
-                                    self->code ? self->code : Py_None, value);
+    PyObject *error = PyObject_CallMethod((PyObject *)self->seat, method, "OOO", self->state,
+                                          self->code ? self->code : Py_None, value);
     if (error)
         PyErr_SetObject((PyObject *)Py_TYPE(error), error);
     Py_XDECREF(error);
-    Py_XDECREF(module);
 }
 
 static PyObject *call_code(struct ringlet *self, PyObject *code)

@@ -1,11 +1,13 @@
 from collections.abc import Callable, Iterable
+from types import GenericAlias
 from typing import final
 
 from typing_extensions import disjoint_base
 
 from .events import Request
 from .machine import Machine
-from .seat import BoundSensor, BoundState, BoundTransition, Failure, Running, Seat
+from .ringlet import BoundSensor, BoundState, BoundTransition, Running
+from .seat import Failure, Seat
 from .state import SectionCode
 from .statistics import Meter
 
@@ -73,6 +75,7 @@ class Rotation:
     rounds: int
     def give_turns(self, seats: Iterable[Seat | None], /) -> bool: ...
     def give_round(self, seats: Iterable[Seat | None], /) -> bool: ...
+    def __class_getitem__(cls, item: object, /) -> GenericAlias: ...
     def give_rounds(self, seats: list[Seat | None], sleep: Callable[[], bool], /) -> bool: ...
 
 def ringlet(seat: Seat, /) -> bool: ...

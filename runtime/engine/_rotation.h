@@ -1,4 +1,5 @@
-/* The twin of rotation.py: turns one after the other, and rounds; included where ringlet is known. */
+/* The twin of `Rotation` in ringlet.py: turns one after the other, and rounds; included where ringlet
+ * is known. */
 #include <string.h>
 
 static bool is_accepting(PyObject *seat)
@@ -47,8 +48,8 @@ static PyObject *give_plain_round(PyObject *self, PyObject *turns)
     return give_turns(self, turns);
 }
 
-/* How machines stand: each seat, and what Control.marks returns of it. The objects are held, so that
- * no other one can lie in the place of one that is gone. */
+/* How machines stand: each seat, and what changes if it changes. The objects are held, so that no
+ * other one can lie in the place of one that is gone. */
 enum { MARKS = 7 };
 
 static void get_marks(PyObject *object, PyObject *marks[MARKS])
@@ -119,6 +120,8 @@ static PyObject *give_rounds(PyObject *object, PyObject *arguments)
 static PyMethodDef rotation_methods[] = {{"give_turns", give_turns, METH_O, NULL},
                                          {"give_round", give_plain_round, METH_O, NULL},
                                          {"give_rounds", give_rounds, METH_VARARGS, NULL},
+                                         {"__class_getitem__", Py_GenericAlias,
+                                          METH_O | METH_CLASS, NULL},
                                          {NULL, NULL, 0, NULL}};
 static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",
                                 .fields = rotation_fields,

@@ -1,4 +1,4 @@
-/* The twins of histogram.py and timing.py: count durations, and take what turns were like. */
+/* The twins in statistics.py: count durations, and take what turns were like. */
 #include "_records.h"
 
 #include <errno.h>

@@ -1,12 +1,12 @@
-"""Where time comes from: a clock is passed in, and nothing else in the engine reads time."""
+"""Clocks. One is passed into an arrangement, and nothing else in the engine reads time."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Final, Literal, Protocol
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Final, Literal
 
 from llfsm.runtime.engine.errors import ClockError
 
@@ -14,22 +14,52 @@ NEVER: Final = -(2**63)
 """Instead of a time or a duration in nanoseconds: there has been none, or none is planned."""
 
 
-class Clock(Protocol):
-    """What the runtime needs of time. Whole nanoseconds from any fixed start, never going back.
+class Clock:
+    """The time of an arrangement, in whole nanoseconds from any fixed start, never going back.
 
-    They are less than 2**63, which is 292 years.
+    Times are less than 2**63, which is 292 years. A clock of your own has `now_ns` and
+    `sleep_until_ns`; the rest says how it goes, and is right for one that only sleeping moves.
     """
+
+    passes: bool = False
+    """It passes by itself, as the host's does: news may end a sleep early."""
+    stamps: bool = False
+    """It is the clock of the messages' stamps, so their ages are known exactly."""
+    nap_s: float | None = None
+    """Another program sets it: a sleep ends after so many seconds of the host, to look again."""
+    behind_ns: int | None = None
+    """How far it is behind the host's clock, if pauses stop it."""
+    while_paused: Literal["runs", "stands", "simulated"] = "runs"
+    """Its time while a debugger has paused the machines."""
 
     def now_ns(self) -> int:
         """Return the time."""
-        ...
+        raise NotImplementedError
 
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later; at once if it already is.
+    def sleep_until_ns(self, deadline_ns: int, /) -> None:
+        """Sleep until `deadline_ns`; return at once if it is that late.
 
         A clock that may stand still also returns earlier: callers look at it again.
         """
-        ...
+        raise NotImplementedError
+
+    def listen(self, changed: Callable[[], None]) -> None:
+        """Call `changed` whenever another program has set the time."""
+
+    def run_on(self) -> None:
+        """Pass with the host's time from now on: no pause of a simulation delays a stop."""
+
+    def stopped(self) -> AbstractContextManager[None]:
+        """Stand still within a ``with`` block, if pauses stop this clock."""
+        return nullcontext()
+
+    def of_messages(self) -> Clock:
+        """Return the clock by which messages age: the world does not wait for a debugger."""
+        return self
+
+    def of_statuses(self) -> Clock:
+        """Return the clock by which to publish for other processes: none that may stand still."""
+        return self
 
 
 try:
@@ -43,25 +73,29 @@ except ImportError:
             time.sleep(left / 1e9)  # this is what a clock's sleep is
 
 
-class MonotonicClock:
+class MonotonicClock(Clock):
     """The host's CLOCK_MONOTONIC, which no adjustment of the date moves.
 
     Sleeping blocks the thread; a handler of a signal runs meanwhile, and ends it if it raises.
     """
 
+    passes = stamps = True
     now_ns = staticmethod(time.monotonic_ns)
     sleep_until_ns = staticmethod(_sleep_until_ns)
 
 
-class DebugClock:
+class DebugClock(Clock):
     """The host's CLOCK_MONOTONIC without the time for which it was stopped: it goes on from there.
 
     The ages of sensors' messages are not by this clock: the world does not wait.
     """
 
+    passes = True
+    while_paused = "stands"
+    behind_ns: int
+
     def __init__(self) -> None:
         self.behind_ns = 0
-        """How far it is behind the host's: for so long it was stopped."""
         self._stopped_ns: int | None = None
 
     def now_ns(self) -> int:
@@ -70,7 +104,7 @@ class DebugClock:
         return host_ns - self.behind_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later; it must not be stopped."""
+        """Sleep until `deadline_ns`; the clock must not be stopped."""
         _sleep_until_ns(deadline_ns + self.behind_ns)
 
     @contextmanager
@@ -83,9 +117,19 @@ class DebugClock:
             self.behind_ns += time.monotonic_ns() - self._stopped_ns
             self._stopped_ns = None
 
+    def of_messages(self) -> Clock:
+        """Return the host's clock."""
+        return MonotonicClock()
 
-class ManualClock:
+    def of_statuses(self) -> Clock:
+        """Return the host's clock."""
+        return MonotonicClock()
+
+
+class ManualClock(Clock):
     """Stand still until `advance` is called: time for tests and simulation. Sleeping moves it."""
+
+    while_paused = "stands"
 
     def __init__(self, start_ns: int = 0):
         self._now_ns = start_ns
@@ -106,7 +150,7 @@ class ManualClock:
         self._now_ns += step
 
 
-class SimulatedClock:
+class SimulatedClock(Clock):
     """Time that another program sets, as a simulator or a player of recordings does.
 
     It stands still between two calls of `set_ns`, and begins with the time of the first one. Where
@@ -114,8 +158,8 @@ class SimulatedClock:
     goes on from there. Any thread may set it.
     """
 
-    nap_s: Final = 0.02
-    """A sleep ends after so many seconds of the host: whoever sleeps may have to end."""
+    nap_s: float = 0.02
+    while_paused = "simulated"
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -158,18 +202,10 @@ class SimulatedClock:
         return self._now_ns if ahead_ns is None else time.monotonic_ns() + ahead_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later, and after `nap_s` seconds at the latest."""
+        """Sleep until `deadline_ns`, for at most `nap_s` seconds of the host."""
         with self._changed:
             self._changed.wait_for(lambda: self.now_ns() >= deadline_ns, self.nap_s)
 
-
-def while_paused(clock: Clock) -> Literal["runs", "stands", "simulated"]:
-    """Return what a clock does while a debugger has paused the machines."""
-    if isinstance(clock, SimulatedClock):
-        return "simulated"
-    return "stands" if isinstance(clock, DebugClock | ManualClock) else "runs"
-
-
-def pace_of(clock: Clock) -> Clock:
-    """Return the clock by which to publish for other processes: not one that may stand still."""
-    return MonotonicClock() if isinstance(clock, SimulatedClock | DebugClock) else clock
+    def of_statuses(self) -> Clock:
+        """Return the host's clock."""
+        return MonotonicClock()

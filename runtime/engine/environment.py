@@ -2,36 +2,38 @@
 
 The clock, reading a sensor, posting by an actuator, machines of other processes, requests from
 outside and the news that ends an idle sleep: all of it passes here and nowhere else. The ringlet,
-the seat and the schedule know only this interface, so what is recorded, replayed and tested is the
-code that runs.
+the seat and the schedule know only this interface, so the code that is recorded, rerun and tested
+is the code that runs.
 
 `Environment` is a world without a whiteboard and the base of all others; `BoardEnvironment` reads
-and posts on one. An environment that records, replays or scripts replaces or wraps these.
+and posts on one. An environment that records, reruns or scripts replaces or wraps these.
 
-What ends an idle sleep early: news on a whiteboard for the machines of an arrangement.
+*News* ends an idle sleep: a message in a slot that one of the machines reads, added since their
+last round began. What they post themselves does not count: else a machine that posts at every turn
+what another one reads would never let the arrangement sleep. So each machine posts by a handle of
+its own, and what that has added is taken as seen.
 
-News is a message in a slot that one of them reads, added since their last round began. What they
-post themselves does not count: else a machine that posts at every turn what another one reads
-would never let the arrangement sleep.
+*Ages.* The host's monotonic clock is that of the messages' stamps. With any other clock, a message
+of a board in this process is as old as the time since it was added, exactly; one that another
+process has added is as old as the time since the sensor first found it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
-from llfsm.runtime.engine.clock import Clock, DebugClock, MonotonicClock, SimulatedClock
+from llfsm.errors import LlfsmError
+from llfsm.runtime.engine.clock import Clock, MonotonicClock
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
-from llfsm.runtime.engine.freshness import AgedRead, BoardAgedRead, OverriddenSlot
-from llfsm.whiteboard.errors import BoardClosedError
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.events import Status
     from llfsm.runtime.engine.ports import Actuator, Sensor
-    from llfsm.whiteboard import Board, BoundSlot, Slot
+    from llfsm.whiteboard import Board, BoundSlot, Sample, Slot
 
 
 class News:
@@ -43,10 +45,7 @@ class News:
     def __init__(self, board: Board, clock: Clock):
         self._waiter = board.waiter()
         self._clock = clock
-        self._nap_s: float | None = None
-        if isinstance(clock, SimulatedClock):
-            self._nap_s = clock.nap_s
-            clock.listen(self._waiter.wake)
+        clock.listen(self._waiter.wake)
         self._readers: dict[str, dict[str, BoundSlot[Any]]] = {}  # by machine, by name of the slot
         self._publishers: dict[str, list[tuple[str, BoundSlot[Any]]]] = {}
         self._heeded: set[BoundSlot[Any]] = set()
@@ -91,20 +90,24 @@ class News:
         for reader, publisher in self._own:
             seen[reader] = max(seen[reader], publisher.added)
         left_s = max(deadline_ns - self._clock.now_ns(), 0) / 1e9
-        if self._nap_s is not None and left_s:
-            left_s = self._nap_s
+        if self._clock.nap_s is not None and left_s:
+            left_s = self._clock.nap_s
         try:
             newer = self._waiter.wait(seen, left_s)
-        except BoardClosedError:  # which stops the arrangement, when it looks
+        except LlfsmError as error:
+            from llfsm.whiteboard.errors import BoardClosedError  # here, as it costs much to import
+
+            if not isinstance(error, BoardClosedError):
+                raise
             self._clock.sleep_until_ns(deadline_ns)
-            return True
+            return True  # the arrangement stops, when it looks
         woken, self._woken = self._woken, False
         return woken or not self._heeded.issuperset(newer)
 
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what sleeps again and again as `Environment.doze` says."""
+        """Make the function that sleeps again and again, as `Environment.doze` says."""
         if not self._is_current:
             self._update()
         own = tuple(self._own)
@@ -148,7 +151,7 @@ class Elsewhere(Protocol):
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         ...
 
     def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
@@ -157,11 +160,11 @@ class Elsewhere(Protocol):
 
 
 class Attendant(Protocol):
-    """What an environment does between the rounds of a run: obey requests, publish statuses."""
+    """Attend to a run between its rounds: obey requests, publish statuses."""
 
     @property
     def reachable(self) -> bool:
-        """Whether another process can resume a machine that has failed."""
+        """True if another process can resume a machine that has failed."""
         ...
 
     @property
@@ -190,6 +193,99 @@ class Attendant(Protocol):
         ...
 
 
+class AgedRead(Protocol):
+    """Read a sensor, and know the age of the message that was read."""
+
+    start_count: int
+    """The slot's count when the machine was loaded."""
+
+    def __call__(self) -> object:
+        """Return the latest message; None if there is none or it is too old."""
+        ...
+
+    def age_ns(self) -> int | None:
+        """Return the age of the message that was read last, in nanoseconds; None without one."""
+        ...
+
+
+class OverriddenSlot:
+    """A slot as a machine reads it for which it is overridden: its message is new at each look.
+
+    `message` is None if there is to be none; `count` is the slot's own, from which it counts on.
+    """
+
+    def __init__(self, message: Any, count: int):
+        self._message = message
+        self.count = count
+
+    def get(self) -> Any:
+        """Return the message."""
+        return self._message
+
+    def sample(self) -> Sample[Any] | None:
+        """Return the message with the stamp of this moment."""
+        from llfsm.whiteboard import Sample  # here, as few override
+
+        if self._message is None:
+            return None
+        self.count += 1
+        return Sample(self._message, self.count, MonotonicClock().now_ns(), 0)
+
+    def on_add(self, callback: Callable[[int], None]) -> None:
+        """Call nothing: no message is added here."""
+
+
+class BoardAgedRead:
+    """Read a sensor from a slot of a board.
+
+    `start_count` is the slot's count when the machine was loaded; by default that is now.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor[Any, Any],
+        bound: BoundSlot[Any] | OverriddenSlot,
+        clock: Clock,
+        start_count: int | None = None,
+    ):
+        self.start_count = bound.count if start_count is None else start_count
+        self._bound = bound
+        self._first = self.start_count if sensor.since_start else 0
+        limit_ms = math.inf if sensor.max_age_ms is None else sensor.max_age_ms
+        self._limit_ns = limit_ms * 1e6
+        clock = clock.of_messages()
+        self._now = clock.now_ns
+        self._stamped = clock.stamps
+        self._added: tuple[int, int] | None = None  # count of the latest message, and when it came
+        self._read_ns: int | None = None  # when the message that was read last was added
+        if not self._stamped:
+            self._note(bound.count)
+            bound.on_add(self._note)
+
+    def __call__(self) -> object:
+        """Return the latest message; None if there is none or it is too old."""
+        sample = self._bound.sample()
+        if sample is None:
+            return None
+        if self._stamped:
+            self._read_ns = sample.stamp_ns
+        else:
+            if self._added is None or self._added[0] != sample.count:  # from another process
+                self._note(sample.count)
+            assert self._added is not None
+            self._read_ns = self._added[1]
+        if sample.count <= self._first or self._now() - self._read_ns > self._limit_ns:
+            return None
+        return sample.message
+
+    def age_ns(self) -> int | None:
+        """Return the age of the message that was read last, in nanoseconds; None without one."""
+        return None if self._read_ns is None else self._now() - self._read_ns
+
+    def _note(self, count: int) -> None:
+        self._added = count, self._now()
+
+
 class Environment:
     """A world without a whiteboard, and the interface of every other environment."""
 
@@ -201,14 +297,16 @@ class Environment:
 
     @property
     def alive(self) -> bool:
-        """Whether this world still exists; once it does not, the arrangement stops."""
+        """True while this world exists; once it does not, the arrangement stops."""
         return True
 
-    def enter(self, arrangement: Arrangement) -> None:
+    # Subclasses say `Arrangement`; here it is Any, as that is built on environments.
+
+    def enter(self, arrangement: Any) -> None:
         """Note the arrangement whose environment this is, before it loads machines."""
 
-    def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what attends to a run of the arrangement between its rounds, if anything does."""
+    def attend(self, arrangement: Any) -> Attendant | None:
+        """Make what attends to a run of the arrangement between its rounds, if anything does."""
         return None
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
@@ -219,7 +317,7 @@ class Environment:
         end a sleep early without: look at the clock, and sleep again.
         """
         woken, self._woken = self._woken, False
-        if woken and isinstance(self.clock, MonotonicClock | DebugClock):
+        if woken and self.clock.passes:
             return True
         self.clock.sleep_until_ns(deadline_ns)
         return False
@@ -227,7 +325,7 @@ class Environment:
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what to call again and again to sleep for `duration_ns` where nothing happens.
+        """Make a function to call again and again, to sleep for `duration_ns` if nothing happens.
 
         It returns True if that was so. If not, it returns what `otherwise` does, which sleeps by
         `sleep_until_ns`: that ends at once if there is news. It gets the time at which the sleep
@@ -246,7 +344,7 @@ class Environment:
 
     def paused(self) -> AbstractContextManager[None]:
         """Let requests come, and a `DebugClock` stand still: a turn has begun, and waits."""
-        return self.clock.stopped() if isinstance(self.clock, DebugClock) else nullcontext()
+        return self.clock.stopped()
 
     # What machines learn and do
 
@@ -262,7 +360,7 @@ class Environment:
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what reads the sensor as `read` does and knows the ages of messages.
+        """Make the reader of a sensor that knows the ages of messages; it reads as `read` does.
 
         `start_count` is as for `BoardAgedRead`.
         """
@@ -319,12 +417,11 @@ class Environment:
         """Let nothing be posted for a machine any more: it has left its arrangement."""
 
     def may_stop(self, cause: str) -> bool:
-        """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later.
+        """Return True if a stop takes effect now; else the environment calls `stop` later.
 
         A simulated clock passes with the host's time from then on: no pause keeps a stop waiting.
         """
-        if isinstance(self.clock, SimulatedClock):
-            self.clock.run_on()
+        self.clock.run_on()
         return True
 
 
@@ -342,20 +439,21 @@ class BoardEnvironment(Environment):
 
     @property
     def alive(self) -> bool:
-        """Whether the whiteboard is neither closed nor removed."""
+        """True while the whiteboard is neither closed nor removed."""
         return self.whiteboard.alive
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
         """Sleep until `deadline_ns`, or until a machine has a new message to read."""
-        if isinstance(self.clock, MonotonicClock | DebugClock | SimulatedClock):
+        if self.clock.passes or self.clock.nap_s is not None:
             return self.news.sleep_until_ns(deadline_ns)
         return super().sleep_until_ns(deadline_ns)
 
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
     ) -> Callable[[], bool]:
-        """Return what sleeps on the board, where the clock is the board's."""
-        if type(self.clock) is MonotonicClock and self.alive:
+        """Let the board sleep, where its clock is that of the machines."""
+        is_hosts = self.clock.sleep_until_ns is MonotonicClock.sleep_until_ns
+        if is_hosts and self.alive:
             return self.news.doze(duration_ns, until_ns, otherwise)
         return super().doze(duration_ns, until_ns, otherwise)
 
@@ -375,7 +473,7 @@ class BoardEnvironment(Environment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what reads the slot and compares its stamps with the clock."""
+        """Make the reader that compares the messages' stamps with the clock."""
         return BoardAgedRead(sensor, self._reader(machine, slot), self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:

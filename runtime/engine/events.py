@@ -1,28 +1,21 @@
-"""What observers see: every step of an arrangement as a NamedTuple.
+"""Events: every step of an arrangement, as observers see it.
 
 All carry the round, counted from 1, and the time of the arrangement's clock in nanoseconds.
 An observer is any function of one event; with none attached no event is made. A machine's
 `index` is its place in the order; that it hides `tuple.index` is what the ignored types are.
-
-Who watches an arrangement: observers, and the one that records all that it sees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from enum import IntEnum, StrEnum
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.engine.errors import ObserverError
 
-if TYPE_CHECKING:
-    from llfsm.runtime.engine.environment import Read
-    from llfsm.runtime.engine.errors import ExecutionError
-    from llfsm.runtime.engine.seat import Seat
-
 
 class Request(StrEnum):
-    """What another machine, or the machine itself, asks to be done at a machine's next turn."""
+    """A request of another machine, or of the machine itself, for a machine's next turn."""
 
     SUSPEND = "suspend"
     RESUME = "resume"
@@ -30,7 +23,7 @@ class Request(StrEnum):
 
 
 class Status(IntEnum):
-    """What a request returns, with clfsm's numbers: the status of the machine before it."""
+    """The status of a machine before a request, which returns it; with clfsm's numbers."""
 
     ERROR = -1
     RUNNING = 0
@@ -38,7 +31,7 @@ class Status(IntEnum):
 
 
 class Reason(StrEnum):
-    """Why an arrangement ended."""
+    """The reason for which an arrangement ended."""
 
     ACCEPTING = "accepting"  # every machine accepts or is suspended
     STOPPED = "stopped"  # asked to stop, and the grace period is over
@@ -129,7 +122,7 @@ class Failed(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Where a machine stands; `entered_ns` is when its state clock started, None if never."""
+    """The standing of a machine; `entered_ns` is when its state clock started, None if never."""
 
     index: int  # type: ignore[assignment]
     machine: str
@@ -172,38 +165,6 @@ Event: TypeAlias = (
 
 Observer: TypeAlias = Callable[[Event], None]
 """A function that is called with each event; if it raises, the run ends with `ObserverError`."""
-
-
-class Instrument(Protocol):
-    """What a debugger adds to an arrangement, where observing every event would cost too much."""
-
-    def bound(self, seat: Seat) -> None:
-        """Wrap what is of interest of a machine's table, which has just been bound."""
-        ...
-
-    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
-        """Return what reads a sensor of `slot`, in place of `read`."""
-        ...
-
-    def look(self) -> None:
-        """Do what is due; called several times a second where requests come from outside."""
-        ...
-
-    def end_lease(self, machine: str, slot: str) -> None:
-        """End the lease of what was overridden before: it does not end the override after it."""
-        ...
-
-    def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return how long a sensor stays overridden; None if only a release ends that."""
-        ...
-
-    def pause_left_s(self) -> float | None:
-        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
-        ...
-
-    def failed(self, seat: Seat, error: ExecutionError) -> None:
-        """Note that code of a machine has raised; what comes of that waits for the return."""
-        ...
 
 
 class Observers(list[Observer]):

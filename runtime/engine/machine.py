@@ -1,7 +1,4 @@
-"""A machine: a class with states, and what its code may ask of time and of other machines.
-
-A machine that another one has called: its status and its results.
-"""
+"""A machine: a class with states, and what its code may ask of time and of other machines."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from llfsm.runtime.engine.state import ClassBody, State
 from llfsm.runtime.engine.table import REQUIRED, Polled, Table, make_table
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Loadable, LoadOptions
+    from llfsm.runtime.engine.kernel import Loadable, LoadOptions
     from llfsm.runtime.engine.seat import Seat
 
 
@@ -123,24 +120,24 @@ class Machine(metaclass=MachineType):
     # Time since the state was entered
 
     def after_ms(self, ms: float) -> bool:
-        """Return whether more than `ms` milliseconds have passed since the state was entered."""
+        """Return True if more than `ms` milliseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > ms * 1_000_000
 
     def after(self, s: float) -> bool:
-        """Return whether more than `s` seconds have passed since the state was entered."""
+        """Return True if more than `s` seconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > s * 1_000_000_000
 
     def timeout(self, us: float) -> bool:
-        """Return whether more than `us` microseconds have passed since the state was entered."""
+        """Return True if more than `us` microseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > us * 1_000
 
     # The age of what was sensed
 
     def age_ms(self, sensor: str) -> float | None:
-        """Return how many milliseconds ago the message of a sensor in the snapshot was added.
+        """Return the age of a sensor's message in the snapshot, in milliseconds.
 
         None if there is none. `sensor` is the sensor's name in the class. Messages from another
         host are as old as the time since they came to this one. Raise `SensorNameError`.
@@ -162,13 +159,13 @@ class Machine(metaclass=MachineType):
 
     @cached_property  # an attribute of its own from its loading on: guards of all states read it
     def stopping(self) -> bool:
-        """Whether it or all machines were asked to stop: make for an accepting state."""
+        """True if it or all machines were asked to stop: make for an accepting state."""
         return self._seat.stopping
 
     @property
     def number_of_machines(self) -> int:
         """The number of indices in use, holes included."""
-        return self._called("number_of_machines", None, self._seat.arrangement.number_of_machines)
+        return self._called("number_of_machines", None, self._seat.control.number_of_machines)
 
     # Requests. All take effect at the machine's next turn and return its status before. They
     # and the questions below also reach machines that other processes run on the whiteboard; a
@@ -176,62 +173,62 @@ class Machine(metaclass=MachineType):
 
     def suspend(self, name: str) -> Status:
         """Suspend machine `name`: it enters its suspend state and remembers where it was."""
-        return self._called("suspend", name, self._seat.arrangement.suspend(name))
+        return self._called("suspend", name, self._seat.control.suspend(name))
 
     def resume(self, name: str) -> Status:
         """Return a suspended machine to where it was; `Status.ERROR` if a restart is pending."""
-        return self._called("resume", name, self._seat.arrangement.resume(name))
+        return self._called("resume", name, self._seat.control.resume(name))
 
     def restart(self, name: str) -> Status:
         """Start machine `name` again from its initial state, suspended or not."""
-        return self._called("restart", name, self._seat.arrangement.restart(name))
+        return self._called("restart", name, self._seat.control.restart(name))
 
     def suspend_self(self) -> Status:
         """Suspend this machine at its next turn."""
-        return self._called("suspend_self", None, self._seat.arrangement.suspend(self.name))
+        return self._called("suspend_self", None, self._seat.control.suspend(self.name))
 
     def resume_self(self) -> Status:
         """Resume this machine at its next turn, from its suspend state's own code."""
-        return self._called("resume_self", None, self._seat.arrangement.resume(self.name))
+        return self._called("resume_self", None, self._seat.control.resume(self.name))
 
     def restart_self(self) -> Status:
         """Restart this machine at its next turn."""
-        return self._called("restart_self", None, self._seat.arrangement.restart(self.name))
+        return self._called("restart_self", None, self._seat.control.restart(self.name))
 
     def suspend_all(self) -> None:
         """Suspend every machine but this one."""
-        self._seat.arrangement.suspend_all(self._seat)
+        self._seat.control.suspend_all(self._seat)
         self._called("suspend_all", None, None)
 
     def abandon(self, name: str) -> bool:
         """Suspend machine `name` at once: its suspended ringlet runs inside this call."""
-        return self._called("abandon", name, self._seat.arrangement.abandon(name, self._seat))
+        return self._called("abandon", name, self._seat.control.abandon(name, self._seat))
 
     # Questions
 
     def status(self, name: str) -> Status:
-        """Return whether machine `name` runs or is suspended; a request alone changes neither."""
-        return self._called("status", name, self._seat.arrangement.status(name))
+        """Return `Status.RUNNING` or `Status.SUSPENDED`; a request alone changes neither."""
+        return self._called("status", name, self._seat.control.status(name))
 
     def is_suspended(self, name: str) -> bool:
-        """Return whether machine `name` is in its suspend state."""
-        return self._called("is_suspended", name, self._seat.arrangement.is_suspended(name))
+        """Return True if machine `name` is in its suspend state."""
+        return self._called("is_suspended", name, self._seat.control.is_suspended(name))
 
     def is_running(self, name: str) -> bool:
-        """Return whether machine `name` is not suspended."""
-        return self._called("is_running", name, self._seat.arrangement.is_running(name))
+        """Return True if machine `name` is not suspended."""
+        return self._called("is_running", name, self._seat.control.is_running(name))
 
     def index_of(self, name: str) -> int:
         """Return the place of machine `name` in the order, from 0."""
-        return self._called("index_of", name, self._seat.arrangement.index_of(name))
+        return self._called("index_of", name, self._seat.control.index_of(name))
 
     def name_of(self, index: int) -> str:
         """Return the name of the machine at `index`."""
-        return self._called("name_of", index, self._seat.arrangement.name_of(index))
+        return self._called("name_of", index, self._seat.control.name_of(index))
 
     def state_name_of(self, name: str) -> str:
         """Return the name of the current state of machine `name`."""
-        return self._called("state_name_of", name, self._seat.arrangement.state_name_of(name))
+        return self._called("state_name_of", name, self._seat.control.state_name_of(name))
 
     # Loading
 
@@ -240,13 +237,11 @@ class Machine(metaclass=MachineType):
 
         `name`, `variables` and `slots` are as for `Arrangement.load`.
         """
-        return self._called(
-            "load", _called_by(machine), self._seat.arrangement.load(machine, **how)
-        )
+        return self._called("load", _called_by(machine), self._seat.control.load(machine, **how))
 
     def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine that begins in its suspend state, and return its index."""
-        index = self._seat.arrangement.load_suspended(machine, **how)
+        index = self._seat.control.load_suspended(machine, **how)
         return self._called("load_suspended", _called_by(machine), index)
 
     def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
@@ -255,20 +250,20 @@ class Machine(metaclass=MachineType):
         Keep what is returned in a variable, guard a transition with its `done`, and read the
         variables of its `machine`.
         """
-        called = self._seat.arrangement.call_machine(machine, self._seat, **how)
+        called = self._seat.control.call_machine(machine, self._seat, **how)
         return self._called("call_machine", _called_by(machine), called)
 
     def unload(self, name: str) -> bool:
         """Unload machine `name` and return True; this machine goes at the end of its ringlet."""
-        return self._called("unload", name, self._seat.arrangement.unload(name, self._seat))
+        return self._called("unload", name, self._seat.control.unload(name, self._seat))
 
     def _called(self, operation: str, argument: str | int | None, result: R) -> R:
         """Report a call to the observers, if a section makes it, and return its result."""
         seat = self._seat
         if seat.doing is not None:
-            arrangement = seat.arrangement
-            call = Call(*arrangement.stamp(), seat.name, seat.doing, operation, argument, result)
-            arrangement.emit(call)
+            kernel = seat.kernel
+            call = Call(*kernel.stamp(), seat.name, seat.doing, operation, argument, result)
+            kernel.emit(call)
         return result
 
 
@@ -315,8 +310,6 @@ def _called_by(machine: Loadable) -> str:
 
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.seat import Seat
-
     M_co = TypeVar("M_co", bound=Machine, covariant=True)
 else:
     M_co = TypeVar("M_co", covariant=True)
@@ -349,16 +342,16 @@ class Submachine(Polled, Generic[M_co]):
 
     @property
     def done(self) -> bool:
-        """Whether it has accepted."""
+        """True if it has accepted."""
         return self._seat.accepted
 
     @property
     def failed(self) -> bool:
-        """Whether its code has raised, or it was unloaded without having accepted."""
+        """True if its code has raised, or it was unloaded without having accepted."""
         seat = self._seat
         return seat.failure is not None or not (seat.taken or seat.accepted)
 
     def cancel(self) -> None:
         """Unload it if it is still loaded."""
         if self._seat.taken:
-            self._seat.arrangement.unload(self._seat.name)
+            self._seat.control.unload(self._seat.name)

@@ -1,7 +1,4 @@
-"""How a machine touches the whiteboard: sensors are read once a ringlet, actuators post at once.
-
-What a sensor's `domain` must be: messages of its slot, each once.
-"""
+"""Sensors, which are read once a ringlet, and actuators, which post at once."""
 
 from __future__ import annotations
 
@@ -158,7 +155,7 @@ class Actuator(Generic[M]):
         self.at_failure = self.at_suspend if at_failure is None else at_failure
 
     def closed(self, machine: str) -> Callable[[M], NoReturn]:
-        """Return what stands for the actuator of a machine that has ended: it refuses to post."""
+        """Make the stand-in for the actuator of a machine that has ended: it refuses to post."""
 
         def refuse(message: M) -> NoReturn:
             raise ActuatorClosedError(

@@ -158,7 +158,7 @@ _LOOK_S = 0.2
 
 
 class StopRequest:
-    """Whether a stop was asked for: an event that one thread waits for, and a handler may set.
+    """A request to stop: an event that one thread waits for, and a signal's handler may set.
 
     A `threading.Event` will not do: a handler runs in the thread that it interrupts, and where that
     thread holds the event's lock, on its way into a wait, `set` would wait for it for ever.
@@ -174,7 +174,7 @@ class StopRequest:
         self._bell.put(None)
 
     def is_made(self) -> bool:
-        """Return whether a stop was asked for."""
+        """Return True if a stop was asked for."""
         return self._made
 
     def wait(self, timeout_s: float | None = None) -> bool:

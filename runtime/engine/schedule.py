@@ -1,11 +1,11 @@
-"""When machines have their turns, if not one after the other as fast as they can: a timetable.
+"""When machines have their turns, if not one after the other as fast as they can.
 
-Keep turns on a grid of time that nothing moves.
-
-The n-th round is due at the first one's begin plus n cycles, whatever happened before: lateness
-never adds up. A turn that is late begins at once, and the following ones too until they are on
-time again, so that none is left out. Only if that would take more than a second's worth of
-rounds, as after a process was stopped, are whole rounds skipped, and counted.
+A *timetable* gives each machine slots in a cycle that repeats for ever; a period is the cycle of
+one round. The *pacer* keeps turns on this grid of time, which nothing moves: the n-th round is due
+at the first one's begin plus n cycles, whatever happened before, so lateness never adds up. A turn
+that is late begins at once, and the following ones too until they are on time again: none is left
+out. Only if that would take more than a second's worth of rounds, as after a process was stopped,
+are whole rounds skipped, and counted.
 """
 
 from __future__ import annotations
@@ -13,17 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import pairwise
 from math import lcm
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self, TypeVar
 
 from llfsm.runtime.engine.errors import ScheduleError
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.clock import Clock
-    from llfsm.runtime.engine.seat import Seat
-    from llfsm.runtime.engine.statistics import Stopwatch
-    from llfsm.runtime.engine.twin import Histogram
+    from llfsm.runtime.engine.statistics import Histogram, Stopwatch
 
+S = TypeVar("S")
 
 MOST_SLOTS = 100_000
 """A longer cycle is refused: periods that hardly divide each other make cycles of hours."""
@@ -38,7 +37,7 @@ class TimeSlot(NamedTuple):
 
 
 class Requirement(NamedTuple):
-    """What a machine needs: a turn at each of `starts_us` in every period, each done in time.
+    """The needs of a machine: a turn at each of `starts_us` in every period, each done in time.
 
     All are microseconds; starts count from the period's begin, the deadline from the start.
     """
@@ -163,7 +162,7 @@ class Pacer:
         self._begin_ns = begin_ns
         return self.wait(begin_ns, self.next_ns, self._lateness)
 
-    def turns(self, seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
+    def turns(self, seats: Mapping[str, S]) -> Iterator[S | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""
         begin_ns = self._begin_ns
         for machine, start_ns, deadline_ns, lateness in self._slots:

@@ -1,67 +1,48 @@
-"""A machine's seat in an arrangement: its place in the order and where its execution stands.
+"""A machine's seat in an arrangement: its place in the order, and where its execution stands.
 
-The table of a loaded machine as the ringlet wants it: plain functions and their targets.
+`bind` fills the states of a seat from its machine's table, as the ringlet wants them. While there
+are observers, each function is wrapped in one that reports it, so that the one ringlet serves both
+and pays for observers only when there are some.
 
-While there are observers, each function is wrapped in one that reports it, so that the one
-ringlet serves both and pays for observers only when there are some.
-
-Who is loaded: the machines of an arrangement by index and by name.
+The `Roster` holds the seats of an arrangement by index and by name.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from math import floor
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.engine.clock import NEVER
-from llfsm.runtime.engine.errors import LoadError, SensorNameError, UnknownMachineError
-from llfsm.runtime.engine.events import Eval, Request, Section, Standing, Status
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.engine.errors import (
+    ExecutionError,
+    GuardResultError,
+    LoadError,
+    ObserverError,
+    SensorNameError,
+    UnknownMachineError,
+)
+from llfsm.runtime.engine.events import Eval, Request, Section, Standing, Status, Turn
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.state import SECTIONS, Guard, SectionCode, State
-from llfsm.runtime.engine.twin import SeatFields, StateFields
+from llfsm.runtime.engine.ringlet import BoundState, BoundTransition, SeatFields, defined_ringlet
+from llfsm.runtime.engine.state import SECTIONS, SectionCode, State
+from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Arrangement
-    from llfsm.runtime.engine.environment import Environment, Read
-    from llfsm.runtime.engine.errors import ExecutionError
-    from llfsm.runtime.engine.freshness import AgedRead
+    from llfsm.runtime.engine.environment import AgedRead, Environment, Read
+    from llfsm.runtime.engine.kernel import Control
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.statistics import Meter
     from llfsm.whiteboard import Board, Message, Slot
 
 
-BoundSensor: TypeAlias = tuple[str, "Read", object]
-"""A sensor's name, what reads it, and what stands for None in the snapshot."""
-BoundTransition: TypeAlias = tuple[int | None, Guard | None, "BoundState"]
-"""Nanoseconds in the state that must have passed (None: any), the guard and the target."""
+RUNTIME = os.path.dirname(os.path.dirname(__file__))
+"""The folder of the runtime: code of machines is elsewhere."""
 
 _FOREVER_NS = 2**63 - 1  # by any clock
 _ON_SUSPEND = SECTIONS.index("OnSuspend")
-
-Running: TypeAlias = tuple["BoundState", Callable[[Any], object] | None, int]
-"""What a ringlet runs: the state it began in, code (None: it takes the snapshot), and its step."""
-
-
-class BoundState(StateFields):
-    """A state of one loaded machine: plain functions and targets, nothing to look up.
-
-    It stays the same object while observers come and go; only what it holds is exchanged.
-    """
-
-    __slots__ = ("name",)
-
-    def __init__(self, name: str):
-        self.name = name
-        self.on_entry: SectionCode | None = None
-        self.on_exit: SectionCode | None = None
-        self.internal: SectionCode | None = None
-        self.on_suspend: SectionCode | None = None
-        self.on_resume: SectionCode | None = None
-        self.transitions: tuple[BoundTransition, ...] = ()
-        self.spent_ns = NEVER  # how long the machine was in it, if its turns are timed
 
 
 def bind(seat: Seat, *, observed: bool) -> None:
@@ -113,10 +94,10 @@ def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
 
 
 def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | None) -> SectionCode:
-    arrangement = seat.arrangement
+    kernel = seat.kernel
 
     def report_and_run(machine: Any) -> None:
-        arrangement.emit(Section(*arrangement.stamp(), seat.name, state.name, section))
+        kernel.emit(Section(*kernel.stamp(), seat.name, state.name, section))
         if code is not None:
             outer, seat.doing = seat.doing, state.name
             try:
@@ -130,8 +111,8 @@ def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | N
 def _watch_transition(
     seat: Seat, state: State, number: int, bound: BoundTransition
 ) -> BoundTransition:
-    arrangement, (limit_ns, guard, target) = seat.arrangement, bound
-    now, label = arrangement.environment.clock.now_ns, state.transitions[number].label
+    kernel, (limit_ns, guard, target) = seat.kernel, bound
+    now, label = kernel.environment.clock.now_ns, state.transitions[number].label
 
     def evaluate_and_report(machine: Any) -> bool:
         outer, seat.doing = seat.doing, None
@@ -140,16 +121,22 @@ def _watch_transition(
             value = due and (guard is None or guard(machine))
         finally:
             seat.doing = outer
-        arrangement.emit(
-            Eval(*arrangement.stamp(), seat.name, state.name, number, label, target.name, value)
-        )
+        kernel.emit(Eval(*kernel.stamp(), seat.name, state.name, number, label, target.name, value))
         return value
 
     return None, evaluate_and_report, target
 
 
+def observed_ringlet(seat: Seat) -> bool:
+    """Report to the observers that a turn begins, and run it."""
+    previous, kernel = None if seat.previous is None else seat.previous.name, seat.kernel
+    begun = Turn(*kernel.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
+    kernel.emit(begun)
+    return defined_ringlet(seat)
+
+
 class Arrival(NamedTuple):
-    """How a machine has come into its state: by a transition, unless `source` is empty."""
+    """The transition by which a machine has come into its state; none if `source` is empty."""
 
     source: str
     transition: int
@@ -159,7 +146,7 @@ class Arrival(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """What code of a machine has raised, and when, by the arrangement's clock."""
+    """An error that code of a machine has raised, and its time by the arrangement's clock."""
 
     error: ExecutionError
     time_ns: int
@@ -175,15 +162,16 @@ class Seat(SeatFields):
     __slots__ = (
         "_aged",
         "accepted",
-        "arrangement",
         "called",
         "caller",
+        "control",
         "doing",
         "fired",
         "first_round",
         "held",
         "index",
         "initial",
+        "kernel",
         "name",
         "nested",
         "path",
@@ -195,10 +183,14 @@ class Seat(SeatFields):
         "variables",
     )
 
+    machine: Machine
+    meter: Meter | None
+    failure: Failure | None
+
     def __init__(
         self,
         machine: Machine,
-        arrangement: Arrangement,
+        control: Control,
         index: int,
         name: str,
         path: str,
@@ -206,7 +198,8 @@ class Seat(SeatFields):
         variables: Mapping[str, Any],
     ):
         self.machine = machine
-        self.arrangement = arrangement
+        self.control = control
+        self.kernel = control.kernel
         self.index = index
         self.name = name
         self.path = path
@@ -214,23 +207,21 @@ class Seat(SeatFields):
         self.variables = variables  # with which it was loaded
         self.now = self._first_now
         self._begin()
-        self.request: Request | None = None
+        self.request = None
         self.first_round = 0  # in which it had its first turn, counted from 1
         self.nested = 0  # turns inside another machine's, besides those of rounds
         self.doing: str | None = None  # the state whose section runs, while observed
-        self.sensors: tuple[BoundSensor, ...] = ()
+        self.sensors = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
-        self.meter: Meter | None = None  # what times the turns, if anything does
-        self.timed: BoundState | None = None  # the state of which it counts the time
+        self.meter = None  # of the stopwatch, if turns are timed
+        self.timed = None  # the state of which it counts the time
         self.taken = True
         self.called = False  # whether somebody waits for its end
         self.caller: Seat | None = None  # the machine that does
         self.hang = ""  # where its code hangs, as a watchdog has found
         self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
-        self.notifies = (
-            False  # whether any state has something to do when it is suspended or resumed
-        )
+        self.notifies = False  # whether a state has something to do when suspended or resumed
 
     def _begin(self) -> None:
         """Stand at the beginning of the machine's table."""
@@ -241,21 +232,21 @@ class Seat(SeatFields):
             BoundState("Suspended") if table.suspend is None else self.states[table.suspend.name]
         )
         self.current = self.remembered = self.initial
-        self.previous: BoundState | None = None
-        self.source: BoundState | None = None  # the state that it was in before
+        self.previous = None
+        self.source = None  # the state that it was in before
         self.fired = 0  # of the transitions to one state, the number of the one that fired last
         self.entered_ns = NEVER  # when the state clock started
         self.accepted = False  # whether it has ended a ringlet in an accepting state
-        self.failure: Failure | None = None  # what its code has raised
+        self.failure = None  # what its code has raised
 
     @property
     def suspended(self) -> bool:
-        """Whether the machine is in its suspend state."""
+        """True if the machine is in its suspend state."""
         return self.current is self.suspension
 
     @property
     def settled(self) -> bool:
-        """Whether the machine does not keep the execution alive.
+        """True if the machine does not keep the execution alive.
 
         It accepts (and did not just get there), or is suspended with nothing pending that
         would end this. A machine without a turn yet is never settled.
@@ -273,12 +264,12 @@ class Seat(SeatFields):
         """
         if self.first_round == 0:
             return self.nested
-        return self.arrangement.rounds - self.first_round + 1 + self.nested
+        return self.kernel.rounds - self.first_round + 1 + self.nested
 
     def _first_now(self) -> int:
         """Return the time as the first turn begins, and note the round: later turns pay nothing."""
-        self.first_round = self.arrangement.rounds
-        self.now = self.arrangement.clock.now_ns
+        self.first_round = self.kernel.rounds
+        self.now = self.kernel.environment.clock.now_ns
         return self.now()
 
     def suspend(self) -> None:
@@ -311,15 +302,34 @@ class Seat(SeatFields):
         self.request = request
         return Status.SUSPENDED if self.suspended else Status.RUNNING
 
+    @property
+    def progress(self) -> tuple[int, int]:
+        """The numbers of ringlets and of overruns so far."""
+        stopwatch = self.kernel.stopwatch
+        return (self.ringlets, 0) if stopwatch is None else stopwatch.progress(self.name)
+
+    @property
+    def called_by(self) -> str:
+        """The name of the machine that has called this one; "" if none has, or that has left."""
+        caller = self.caller
+        return caller.name if caller is not None and caller.taken else ""
+
+    @property
+    def overridden(self) -> tuple[str, ...]:
+        """The names of the sensors that are overridden."""
+        slots = self.kernel.environment.overridden(self.name)
+        sensors = type(self.machine).table.sensors.items() if slots else ()
+        return tuple(name for name, sensor in sensors if self.slot_of(sensor).name in slots)
+
     def standing(self) -> Standing:
-        """Return where the machine stands."""
+        """Return the machine's standing."""
         entered_ns = None if self.entered_ns == NEVER else self.entered_ns
         return Standing(
             self.index, self.name, self.current.name, self.suspended, self.request, entered_ns
         )
 
     def arrival(self) -> Arrival:
-        """Return how the machine has come into its state."""
+        """Find the transition by which the machine has come into its state."""
         entered = self.current is self.previous
         source = self.source if entered else self.previous
         entered_ns = self.entered_ns if entered else None
@@ -364,15 +374,15 @@ class Seat(SeatFields):
             self._exchange(before, aged)
             raise
         if self.meter is not None:  # which counts the time in the states of the one before
-            self.meter.unseat(self.arrangement.clock.now_ns())
+            self.meter.unseat(self.kernel.environment.clock.now_ns())
             self.meter = self.timed = None
-        self._post_safe(before, "at_end", self.arrangement.whiteboard)
+        self._post_safe(before, "at_end", self.kernel.environment.whiteboard)
         self._close_actuators(before)
         self.held = self.held and self.request is Request.SUSPEND
         self._begin()
 
     def _exchange(self, machine: Machine, aged: dict[str, AgedRead]) -> None:
-        environment = self.arrangement.environment
+        environment = self.kernel.environment
         self.machine, self._aged = machine, aged
         environment.retire(self.name)
         self.connect(environment)
@@ -389,7 +399,7 @@ class Seat(SeatFields):
 
     def read_again(self, slot: str) -> None:
         """Connect the sensors of a slot anew, of which an instrument wants to know."""
-        sensors, environment = type(self.machine).table.sensors, self.arrangement.environment
+        sensors, environment = type(self.machine).table.sensors, self.kernel.environment
         self.sensors = tuple(
             (name, self._reader(environment, name, sensors[name]), default)
             if self.slot_of(sensors[name]).name == slot
@@ -400,7 +410,7 @@ class Seat(SeatFields):
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
         read, instrument = (
             self._plain_reader(environment, name, sensor),
-            self.arrangement.instrument,
+            self.kernel.instrument,
         )
         return (
             read
@@ -417,10 +427,10 @@ class Seat(SeatFields):
         return aged
 
     def age_ns(self, name: str) -> int | None:
-        """Return how old a sensor's message in the snapshot is; None if there was none."""
+        """Return the age of a sensor's message in the snapshot, in nanoseconds, if there is one."""
         aged = self._aged.get(name)
         if aged is None:  # from now on the age is kept
-            environment, sensor = self.arrangement.environment, self.sensor(name)
+            environment, sensor = self.kernel.environment, self.sensor(name)
             slot = self.slot_of(sensor)
             aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot)
             aged()
@@ -459,7 +469,7 @@ class Seat(SeatFields):
             self._wake_caller()
             self.post_safe("at_end")
             self._close_actuators(self.machine)
-            self.arrangement.environment.unloaded(self.name)
+            self.kernel.environment.unloaded(self.name)
 
     def fail(self, failure: Failure) -> None:
         """Note that code of the machine has raised, and post the `at_failure` messages."""
@@ -472,7 +482,7 @@ class Seat(SeatFields):
     def _wake_caller(self) -> None:
         """Let no sleep keep a machine that has called this one from seeing how it stands."""
         if self.called:
-            self.arrangement.environment.wake()
+            self.kernel.environment.wake()
 
     def post_safe(
         self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None
@@ -486,7 +496,7 @@ class Seat(SeatFields):
         when: Literal["at_suspend", "at_end", "at_failure"],
         board: Board | None,
     ) -> None:
-        stops = when == "at_end" and self.failure and self.arrangement.on_error == "stop"
+        stops = when == "at_end" and self.failure and self.kernel.on_error == "stop"
         for name, actuator in type(machine).table.actuators.items():
             message = getattr(actuator, when)
             if message is None or (stops and message is actuator.at_failure):  # just posted
@@ -515,6 +525,79 @@ class Seat(SeatFields):
         for name, actuator in type(machine).table.actuators.items():
             setattr(machine, name, actuator.closed(self.name))
 
+    # What its code has raised: the ringlet, or its twin, asks.
+
+    def explain(self, state: BoundState, code: object, error: BaseException) -> BaseException:
+        """Describe the `error` that `code` raised in a ringlet that began in `state`.
+
+        One that is no failure of the code, or is described already, is returned as it is.
+        """
+        failed = isinstance(error, Exception) or (
+            isinstance(error, SystemExit | KeyboardInterrupt) and self.kernel.contains_exits
+        )
+        if not failed or isinstance(error, ExecutionError | ObserverError):
+            return error
+        where, step = self.place_of(state, code)
+        filename, line = None, None
+        trace = error.__traceback__
+        while trace is not None:
+            file = trace.tb_frame.f_code.co_filename
+            if not file.startswith(RUNTIME):
+                filename, line = file, trace.tb_lineno
+                break
+            trace = trace.tb_next
+        what = f"{type(error).__name__}: {_text(str, error)}"
+        explained = ExecutionError(what, self.name, where, step, filename, line)
+        explained.__cause__ = error
+        return explained
+
+    def not_a_bool(self, state: BoundState, guard: object, value: object) -> GuardResultError:
+        """Describe the `value`, neither True nor False, that `guard` returned."""
+        where, step = self.place_of(state, guard)
+        number = next(i for i, (_, bound, _) in enumerate(state.transitions) if bound is guard)
+        filename, line = self.declared(state).transitions[number].location
+        what = f"the guard returned {_text(repr, value)}, a {type(value).__name__}; "
+        what += "it must return True or False"
+        return GuardResultError(what, self.name, where, step, filename, line)
+
+    def place_of(self, state: BoundState, code: object) -> tuple[str, str]:
+        """Find the state and the section or transition that `code` is, in a ringlet of `state`.
+
+        The ringlet keeps no record of its steps, for speed, so look for the function; one that
+        serves in several places of one state gives them all.
+        """
+        if code is None:
+            return state.name, "the snapshot"
+        steps = list(self._steps(state, code))
+        if steps:
+            return state.name, " or ".join(steps)
+        for other in self.states.values():  # only these run in the turn of another state
+            if other.on_suspend is code:
+                return other.name, "OnSuspend"
+            if other.on_resume is code:
+                return other.name, "OnResume"
+        return state.name, "a section"
+
+    def _steps(self, state: BoundState, code: object) -> Iterator[str]:
+        if state.on_entry is code:
+            yield "OnEntry"
+        if state.on_exit is code:
+            yield "OnExit"
+        if state.internal is code:
+            yield "Internal"
+        if state.on_resume is code:
+            yield "OnResume"
+        for number, (_, guard, _) in enumerate(state.transitions):
+            if guard is code:
+                yield f"transition {self.declared(state).transitions[number].label}"
+
+
+def _text(describe: Callable[[object], str], value: object) -> str:
+    try:
+        return describe(value)
+    except Exception as error:  # of a class of the machine's own
+        return f"({type(error).__name__} while it was described)"
+
 
 class Roster:
     """The seats of an arrangement in order, and by name.
@@ -533,6 +616,28 @@ class Roster:
         """Return the seats that are taken, in order."""
         return (seat for seat in self.seats if seat is not None)
 
+    def standings(self) -> tuple[Standing | None, ...]:
+        """Return the machines' standings, in order of index, with None for each hole."""
+        return tuple(None if seat is None else seat.standing() for seat in self.seats)
+
+    def states(self) -> dict[str, str]:
+        """Return the name of each machine's current state, by machine."""
+        return {name: seat.current.name for name, seat in self.named.items()}
+
+    @property
+    def failed(self) -> list[str]:
+        """The names of the machines whose code has raised, and that were not resumed since."""
+        return [seat.name for seat in self if seat.failure is not None]
+
+    @property
+    def slots_read(self) -> set[str]:
+        """The names of the slots that machines read, on the board."""
+        return {
+            seat.slot_of(sensor).name
+            for seat in self
+            for sensor in type(seat.machine).table.sensors.values()
+        }
+
     def find(self, name: str) -> Seat:
         """Return a machine's seat; raise `UnknownMachineError` if there is none of that name."""
         try:
@@ -548,7 +653,7 @@ class Roster:
         return seat
 
     def free_index(self, path: str) -> int:
-        """Return where the next machine of that path goes."""
+        """Return the index for the next machine of that path."""
         holes = (index for index, left in sorted(self._holes.items()) if left == path)
         return next(holes, len(self.seats))
 

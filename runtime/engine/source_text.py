@@ -1,4 +1,4 @@
-"""Where a function is defined and its source text: for labels, drawings and checks.
+"""Source texts of functions, and where they are: for labels, drawings and checks.
 
 `ast` is imported where it is used, because running a machine needs none of this.
 """
@@ -184,7 +184,7 @@ def _code_of(node: ast.Lambda, filename: str) -> Iterator[CodeType]:
 
 
 def _fingerprint(code: CodeType) -> object:
-    """Return what code has in common wherever its lambda is compiled, in a function or alone.
+    """Make a key that is equal wherever a lambda is compiled, in a function or alone.
 
     The columns of its instructions are enough but for lambdas that return a constant, which
     have none on Python 3.12.

@@ -188,7 +188,7 @@ class Transition:
 
     @property
     def label(self) -> str:
-        """What stands on the arrow: the guard's name, or its expression if it has none.
+        """The text on the arrow: the guard's name, or its expression if it has none.
 
         "after_ms(1000)" for a timed transition, "true" for an unconditional one.
         """
@@ -213,7 +213,7 @@ class Transition:
 
     @property
     def unconditional(self) -> bool:
-        """Whether it always fires."""
+        """True if it always fires."""
         return self.guard is None and self.after_ms is None
 
     def copy(self, source: State) -> Transition:

@@ -1,18 +1,188 @@
-"""What each machine did and how long it took."""
+"""Statistics: what each machine did, and how long it took.
+
+Durations are counted in *histograms* of fixed size: whatever it counts, and however long, a meter
+needs no more memory, and a quantile is right to a thirty-second. A *stopwatch* times the turns. A
+turn begins when the one before it has ended, so that each costs one look at the clock; only the
+first of a round, and each that was waited for, begins with a look of its own.
+
+`Histogram` and `Timing`, which every timed turn needs, are defined here in Python; where the
+extension was compiled, its twins take their places, and the definitions stay as
+`DefinedHistogram` and `DefinedTiming`. See `ringlet` for why.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple, Self, TypeVar
 
 from llfsm.runtime.engine.clock import NEVER
-from llfsm.runtime.engine.failure import logger
-from llfsm.runtime.engine.histogram import Spread, doublings
-from llfsm.runtime.engine.twin import Histogram, MeterFields, Timing
+from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.clock import Clock
-    from llfsm.runtime.engine.seat import Seat
+    from llfsm.runtime.engine.ringlet import SeatFields
+
+S = TypeVar("S", bound="SeatFields")
+
+
+_RANGES = 640  # those up to two hours
+
+
+class Histogram:
+    """Count durations in ranges that are a sixteenth to a thirty-second of them wide.
+
+    Those below 32 ns have a range each; a negative one counts as 0. Its size is fixed, however long
+    it counts. `counts` are the numbers of durations in each range, the last of which has no upper
+    end, `total` is their sum, and `longest_ns` the greatest duration.
+    """
+
+    __slots__ = ("counts", "longest_ns", "total")
+
+    def __init__(self) -> None:
+        self.counts = [0] * _RANGES
+        self.total = 0
+        self.longest_ns = 0
+
+    def add(self, ns: int, /) -> None:
+        """Count a duration."""
+        ns = max(ns, 0)
+        shift = max(ns.bit_length() - 5, 0)  # of ns >> shift the sixteens bit is set
+        self.counts[min((shift << 4) + (ns >> shift), _RANGES - 1)] += 1
+        self.total += 1
+        self.longest_ns = max(self.longest_ns, ns)
+
+
+class Timing:
+    """Time the turns, one after the other; the stopwatch, which is one, has a meter for each name.
+
+    A turn begins when the one before it has ended, so that each costs one look at the clock. Only
+    the first of a round, and each that was waited for, begins with a look of its own.
+    """
+
+    now: Callable[[], int]
+    """The clock."""
+    begin_ns: int
+    """When the turn that is to come begins."""
+    due_ns: int
+    """When it is due."""
+    deadline_ns: int
+    """When it must be over; NEVER if it has no plan."""
+
+    def begin(self) -> bool:
+        """Begin a turn now, and return True."""
+        now = self.now
+        self.begin_ns = now()
+        return True
+
+    def begin_due(self, due_ns: int, deadline_ns: int, lateness: Histogram, /) -> None:
+        """Begin one that has been waited for, and count by how much it is late."""
+        self.begin()
+        self.due_ns, self.deadline_ns = due_ns, deadline_ns
+        lateness.add(self.begin_ns - due_ns)
+
+    def take(self, seat: SeatFields, fired: bool, /) -> None:
+        """Note that a turn has ended and that the next begins."""
+        now = self.now
+        begin_ns, end_ns = self.begin_ns, now()
+        self.begin_ns = end_ns
+        meter = seat.meter
+        if meter is None:
+            meter = self._meter_of(seat)
+        meter.costs.add(end_ns - begin_ns)
+        meter.fired += fired
+        state, before = seat.previous or seat.current, seat.timed
+        if state is not before:
+            if before is not None:
+                before.spent_ns += begin_ns - meter.since_ns
+            state.spent_ns = max(state.spent_ns, 0)
+            seat.timed, meter.since_ns = state, begin_ns
+        if self.deadline_ns == NEVER:
+            return
+        late_ns = begin_ns - self.due_ns
+        if meter.late_ns != NEVER:
+            meter.jitters.add(abs(late_ns - meter.late_ns))
+        meter.late_ns = late_ns
+        if end_ns > self.deadline_ns:
+            meter.overruns += 1
+            meter.worst_overrun_ns = max(meter.worst_overrun_ns, end_ns - self.deadline_ns)
+
+    def _meter_of(self, seat: SeatFields) -> Meter:
+        """Give the seat a meter, and return it; the twin in C calls the same name."""
+        raise NotImplementedError
+
+
+class MeterFields:
+    """The fields of a meter that a turn counts in."""
+
+    __slots__ = (
+        "costs",
+        "fired",
+        "jitters",
+        "late_ns",
+        "overruns",
+        "since_ns",
+        "worst_overrun_ns",
+    )
+    costs: Histogram
+    jitters: Histogram
+    fired: int
+    overruns: int
+    worst_overrun_ns: int
+    since_ns: int
+    late_ns: int
+
+
+DefinedHistogram = Histogram
+DefinedTiming = Timing
+if not TYPE_CHECKING:  # the definitions have the types
+    with suppress(ImportError):
+        from llfsm.runtime.engine._ringlet import Histogram, MeterFields, Timing
+
+
+class Spread(NamedTuple):
+    """Half of the values are at most `p50`, 99 in 100 at most `p99`, all at most `max`.
+
+    Microseconds; the first two are right to a thirty-second (3 %), below 32 ns exactly.
+    """
+
+    p50: float
+    p99: float
+    max: float
+
+    @classmethod
+    def of(cls, histogram: Histogram) -> Self | None:
+        """Read a histogram; None if it is empty. Quantiles are middles of ranges."""
+        if not histogram.total:
+            return None
+        p50, p99 = (_quantile(histogram, part) for part in (0.5, 0.99))
+        return cls(p50, p99, histogram.longest_ns / 1e3)
+
+
+def doublings(histogram: Histogram) -> tuple[int, ...]:
+    """Count the durations shorter than 1 us, of the others those than 2 us, 4 us and so on."""
+    found: list[int] = []
+    for number, count in enumerate(histogram.counts):
+        if count:
+            place = (int(_middle_ns(number)) // 1000).bit_length()
+            found += [0] * (place + 1 - len(found))
+            found[place] += count
+    return tuple(found)
+
+
+def _quantile(histogram: Histogram, part: float) -> float:
+    left = part * histogram.total
+    number = -1
+    counts = histogram.counts
+    while left > 0:
+        number += 1
+        left -= counts[number]
+    return min(_middle_ns(number), histogram.longest_ns) / 1e3
+
+
+def _middle_ns(number: int) -> float:
+    shift = max((number >> 4) - 1, 0)  # which power of two is the width of the range
+    return (number - (shift << 4) + 0.5) * 2**shift if shift else number
 
 
 class MachineStatistics(NamedTuple):
@@ -54,10 +224,10 @@ class Meter(MeterFields):
         self.worst_overrun_ns = 0
         self.since_ns = 0  # when the machine came into its state
         self.late_ns = NEVER  # by how much the last turn began after it was due
-        self._seat: Seat | None = None  # the machine's
+        self._seat: SeatFields | None = None  # the machine's
         self._state_ns: dict[str, int] = {}  # in the states of those before it
 
-    def seat(self, seat: Seat) -> None:
+    def seat(self, seat: SeatFields) -> None:
         """Measure the turns of a machine that was loaded."""
         self._seat, seat.meter = seat, self
 
@@ -107,10 +277,10 @@ class Stopwatch(Timing):
         self._lateness: dict[str, Histogram] = {}
 
     def lateness(self, name: str) -> Histogram:
-        """Return what is to count by how much turns of a machine, or rounds (""), begin late."""
+        """Return the histogram of how late turns of a machine, or rounds (""), begin."""
         return self._lateness.setdefault(name, Histogram())
 
-    def time_nested(self, turn: Callable[[Seat], bool], seat: Seat) -> bool:
+    def time_nested(self, turn: Callable[[S], bool], seat: S) -> bool:
         """Run a turn that is nested in another machine's, and note what it took."""
         outer_ns, fired = self.begin_ns, False
         self.begin()
@@ -121,7 +291,7 @@ class Stopwatch(Timing):
             self.begin_ns = outer_ns
         return fired
 
-    def _meter_of(self, seat: Seat) -> Meter:
+    def _meter_of(self, seat: SeatFields) -> Meter:
         meter = self._meters.get(seat.name) or self._meters.setdefault(seat.name, Meter(seat.name))
         meter.seat(seat)
         return meter

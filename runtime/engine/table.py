@@ -1,9 +1,8 @@
 """The table of a machine class: its states in order, variables and ports, checked once.
 
-Where an editor has drawn a machine: the boxes of its states and the curves of its arrows.
-
-Coordinates are the editor's points, x to the right and y downwards. A layout is a hint: it may
-lack states and transitions, and running a machine never reads it.
+The runner, the drawing and the checker read it, and nothing changes it after the class is made. It
+may have a layout, where an editor has drawn the machine: that is a hint, which may lack states and
+transitions, and running a machine never reads it.
 """
 
 from __future__ import annotations
@@ -12,8 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
-from types import FunctionType
+from types import FunctionType, MappingProxyType
 from typing import (
     Any,
     ClassVar,
@@ -31,12 +29,12 @@ from llfsm.runtime.engine.state import ClassBody, State
 Point: TypeAlias = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class StateBox:
+class StateBox(NamedTuple):
     """The box of a state: its centre, its size, and whether its sections are shown.
 
-    `more` is what else an editor keeps of it, as colours and the heights of sections, by the names
-    in its property list: kept, and never looked at.
+    Coordinates are the editor's points, x to the right and y downwards. `more` is what else an
+    editor keeps of it, as colours and the heights of sections, by the names in its property list:
+    kept, and never looked at.
     """
 
     x: float
@@ -44,11 +42,10 @@ class StateBox:
     w: float
     h: float
     expanded: bool = False
-    more: Mapping[str, Any] = field(default_factory=dict)
+    more: Mapping[str, Any] = MappingProxyType({})
 
 
-@dataclass(frozen=True)
-class TransitionPath:
+class TransitionPath(NamedTuple):
     """The arrow of a transition: a cubic Bézier curve."""
 
     src: Point
@@ -57,12 +54,11 @@ class TransitionPath:
     control2: Point
 
 
-@dataclass(frozen=True)
-class MachineLayout:
+class MachineLayout(NamedTuple):
     """The boxes of states by name, and the paths of each state's transitions, in their order."""
 
-    states: dict[str, StateBox] = field(default_factory=dict)
-    transitions: dict[str, tuple[TransitionPath, ...]] = field(default_factory=dict)
+    states: Mapping[str, StateBox] = MappingProxyType({})
+    transitions: Mapping[str, tuple[TransitionPath, ...]] = MappingProxyType({})
 
 
 REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
@@ -204,7 +200,7 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
 
 
 def _annotations(owner: type) -> dict[str, Any]:
-    """Return what `owner` itself annotates; names that are not defined yet do no harm."""
+    """Return the annotations of `owner` itself; names that are not defined yet do no harm."""
     if sys.version_info >= (3, 14):  # annotations are evaluated when they are asked for
         import annotationlib
 

@@ -8,26 +8,21 @@ the process does: all that can be done is to log afterwards that nothing ran.
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import time
 from types import FrameType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from llfsm.runtime.engine.failure import logger, place_of
-from llfsm.runtime.engine.ringlet import ringlet
-
-if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Arrangement
-    from llfsm.runtime.engine.environment import Attendant
-    from llfsm.runtime.engine.seat import Running, Seat
-
+from llfsm.runtime.engine.kernel import Kernel
+from llfsm.runtime.engine.ringlet import Running, defined_ringlet
+from llfsm.runtime.engine.seat import RUNTIME, Seat
+from llfsm.runtime.log import logger
 
 _BEAT_S = 0.25  # between two statuses of a machine that hangs
 _PATIENCE_S = 0.5  # after a signal, until a call that still runs is reported
 _STANDSTILL_S = 0.5  # by which the watchdog itself is later than on a machine that is busy
-_RUNTIME = os.path.dirname(os.path.dirname(__file__))
+_TURNS = (defined_ringlet.__code__, Kernel.round.__code__, Kernel.rest.__code__)
 
 
 class RunningCall(NamedTuple):
@@ -45,20 +40,17 @@ class RunningCall(NamedTuple):
     """Machine, state and section, file and line."""
 
     def is_same(self, other: RunningCall | None) -> bool:
-        """Return whether the other is the same call, seen at another time."""
+        """Check that the other is the same call, seen at another time."""
         return other is not None and self.frame is other.frame and self.step == other.step
 
 
 def running_call(thread: int) -> RunningCall | None:
     """Return the call of a machine's code that a thread runs now, the innermost one; else None."""
-    from llfsm.runtime.engine.arrangement import Arrangement  # here, as it imports this module
-
     frame = sys._current_frames().get(thread)
     inner: FrameType | None = None  # the last of the machine's own frames on the way out
     innermost = frame
-    turns = ringlet.__code__, Arrangement.round.__code__, Arrangement.rest.__code__
-    while frame is not None and frame.f_code not in turns:
-        if not frame.f_code.co_filename.startswith(_RUNTIME):
+    while frame is not None and frame.f_code not in _TURNS:
+        if not frame.f_code.co_filename.startswith(RUNTIME):
             inner = frame
         frame = frame.f_back
     if frame is None or inner is None or innermost is None:
@@ -67,19 +59,19 @@ def running_call(thread: int) -> RunningCall | None:
     if found is None:
         return None
     seat, (state, code, step) = found
-    name, section = place_of(seat, state, code)
+    name, section = seat.place_of(state, code)
     where = f"machine {seat.name}, state {name}, {section} ({_line(inner)})"
-    if innermost is not inner and not innermost.f_code.co_filename.startswith(_RUNTIME):
+    if innermost is not inner and not innermost.f_code.co_filename.startswith(RUNTIME):
         where += f", at {_line(innermost)}"
     return RunningCall(frame, step, seat, where)
 
 
 def _ringlet_in(frame: FrameType) -> tuple[Seat, Running] | None:
-    """Return what a ringlet runs: that of the frame, or its twin in a round of the frame."""
+    """Find the code that a ringlet runs: that of the frame, or its twin in a round of it."""
     local = frame.f_locals
-    if frame.f_code is not ringlet.__code__:
-        arrangement: Arrangement = local["self"]
-        return arrangement.running()
+    if frame.f_code is not defined_ringlet.__code__:
+        kernel: Kernel = local["self"]
+        return kernel.running()
     seat, state, code = local.get("seat"), local.get("state"), local.get("code")
     return None if seat is None or state is None else (seat, (state, code, frame.f_lasti))
 
@@ -96,12 +88,10 @@ class Watchdog:
 
     def __init__(
         self,
-        arrangement: Arrangement,
-        attendant: Attendant | None,
+        kernel: Kernel,
         limit_s: float,
     ):
-        self._arrangement = arrangement
-        self._attendant = attendant
+        self._kernel = kernel
         self._limit_s = limit_s
         self._watched = threading.get_ident()
         self._over = threading.Event()
@@ -142,13 +132,13 @@ class Watchdog:
                 continue
             if not hangs:
                 hangs, beat_s = True, 0.0
-                report_hang(self._arrangement, call, now_s - since_s)
-            if self._attendant is not None and now_s - beat_s >= _BEAT_S:
+                report_hang(self._kernel, call, now_s - since_s)
+            if self._kernel.attendant is not None and now_s - beat_s >= _BEAT_S:
                 beat_s = now_s
-                self._attendant.publish_hang(call.seat.name)
+                self._kernel.attendant.publish_hang(call.seat.name)
 
 
-def report_hang(arrangement: Arrangement, call: RunningCall, seconds: float) -> None:
+def report_hang(kernel: Kernel, call: RunningCall, seconds: float) -> None:
     """Post a machine's safe values and log where it hangs; not by way of a journal.
 
     A journal keeps what machines do by themselves, and this is not. The log comes last: what hangs
@@ -156,7 +146,7 @@ def report_hang(arrangement: Arrangement, call: RunningCall, seconds: float) -> 
     """
     seat = call.seat
     seat.hang = call.where
-    board = arrangement.whiteboard
+    board = kernel.environment.whiteboard
     if board is not None:
         seat.post_safe("at_failure", board)
     logger().error("%s has been running for %.3g s", call.where, seconds)
@@ -173,9 +163,9 @@ def report_standstill(call: RunningCall | None, seconds: float) -> None:
     )
 
 
-def stop_by_signal(arrangement: Arrangement, cause: str) -> None:
+def stop_by_signal(kernel: Kernel, cause: str) -> None:
     """Stop the arrangement that this thread runs; if code of a machine hangs, report where."""
-    arrangement.stop(cause)
+    kernel.stop(cause)
     thread = threading.get_ident()
     before = running_call(thread)
     if before is None:
@@ -184,7 +174,7 @@ def stop_by_signal(arrangement: Arrangement, cause: str) -> None:
     def look_again() -> None:
         call = running_call(thread)
         if call is not None and call.is_same(before):
-            report_hang(arrangement, call, _PATIENCE_S)
+            report_hang(kernel, call, _PATIENCE_S)
             logger().error("it cannot stop until that returns; a second signal interrupts it")
 
     timer = threading.Timer(_PATIENCE_S, look_again)

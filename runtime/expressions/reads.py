@@ -93,10 +93,35 @@ class Uses:
 
 def uses_of(code: Code) -> Uses:
     """Collect what `code` does with its machine."""
-    visitor = _Visitor(code.machine)
+    uses = Uses()
     for node in code.body:
-        visitor.visit(node)
-    return visitor.uses
+        _note(node, code.machine, uses, is_inner=False)
+    return uses
+
+
+def _note(node: ast.AST, machine: str, uses: Uses, *, is_inner: bool) -> None:
+    """Note what a node does with the machine; `is_inner` in a function inside of the code."""
+    match node:
+        case ast.Attribute(ast.Name(name), attribute, ctx) if name == machine:
+            names = uses.loaded if isinstance(ctx, ast.Load) else uses.stored
+            names.setdefault(attribute, node.lineno)
+            return
+        case ast.AugAssign(ast.Attribute(ast.Name(name), attribute), _, value) if name == machine:
+            uses.loaded.setdefault(attribute, node.lineno)  # it must be there
+            _note(value, machine, uses, is_inner=is_inner)
+            return
+        case ast.Call(ast.Attribute(ast.Name(name), attribute)) if name == machine:
+            uses.called.setdefault(attribute, node.lineno)
+        case ast.Name(name):
+            uses.escapes |= name == machine
+        case ast.Return(ast.expr()):
+            uses.returns |= not is_inner
+        case ast.FunctionDef(args=args) | ast.AsyncFunctionDef(args=args) | ast.Lambda(args):
+            if machine in parameter_names(args):
+                return
+            is_inner = True
+    for each in ast.iter_child_nodes(node):
+        _note(each, machine, uses, is_inner=is_inner)
 
 
 def nodes_of(code: Code) -> Iterator[ast.AST]:
@@ -107,51 +132,6 @@ def nodes_of(code: Code) -> Iterator[ast.AST]:
         if not (isinstance(node, _Function) and code.machine in parameter_names(node.args)):
             yield node
             todo += ast.iter_child_nodes(node)
-
-
-class _Visitor(ast.NodeVisitor):
-    def __init__(self, machine: str):
-        self.uses = Uses()
-        self._machine = machine
-        self._depth = 0  # of functions inside the code
-
-    def visit_Attribute(self, node: ast.Attribute) -> None:
-        if isinstance(node.value, ast.Name) and node.value.id == self._machine:
-            loaded = isinstance(node.ctx, ast.Load)
-            names = self.uses.loaded if loaded else self.uses.stored
-            names.setdefault(node.attr, node.lineno)
-        else:
-            self.generic_visit(node)
-
-    def visit_AugAssign(self, node: ast.AugAssign) -> None:
-        match node.target:
-            case ast.Attribute(ast.Name(name), attribute) if name == self._machine:
-                self.uses.loaded.setdefault(attribute, node.lineno)  # it must be there
-                self.visit(node.value)
-            case _:
-                self.generic_visit(node)
-
-    def visit_Call(self, node: ast.Call) -> None:
-        match node.func:
-            case ast.Attribute(ast.Name(name), attribute) if name == self._machine:
-                self.uses.called.setdefault(attribute, node.lineno)
-        self.generic_visit(node)
-
-    def visit_Name(self, node: ast.Name) -> None:
-        self.uses.escapes |= node.id == self._machine
-
-    def visit_Return(self, node: ast.Return) -> None:
-        self.uses.returns |= node.value is not None and not self._depth
-        self.generic_visit(node)
-
-    def _function(self, node: _Function) -> None:
-        if self._machine in parameter_names(node.args):
-            return
-        self._depth += 1
-        self.generic_visit(node)
-        self._depth -= 1
-
-    visit_FunctionDef = visit_AsyncFunctionDef = visit_Lambda = _function
 
 
 # Names that code binds itself
@@ -171,6 +151,13 @@ def parameter_names(arguments: ast.arguments) -> frozenset[str]:
 def defaults_of(arguments: ast.arguments) -> list[ast.expr]:
     """List the defaults of parameters, which are evaluated outside of the function."""
     return [each for each in (*arguments.defaults, *arguments.kw_defaults) if each is not None]
+
+
+def header_of(function: ast.FunctionDef) -> list[ast.expr]:
+    """List the defaults and annotations of a function."""
+    annotations = [each.annotation for each in all_parameters(function.args)]
+    found = [each for each in (function.returns, *annotations) if each is not None]
+    return [*defaults_of(function.args), *found]
 
 
 def bound_names(nodes: Sequence[ast.AST]) -> set[str]:

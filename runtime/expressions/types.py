@@ -62,8 +62,7 @@ def options_of(annotation: Any) -> Options:
     if origin is Literal:
         return tuple(dict.fromkeys(type(value) for value in get_args(annotation)))
     if origin in (Union, UnionType):
-        found = [options_of(each) for each in get_args(annotation)]
-        return _joined(found)
+        return _joined([options_of(each) for each in get_args(annotation)])
     if annotation is None:
         return (NoneType,)
     if annotation in (Any, object):
@@ -234,11 +233,8 @@ class Types:
         called = self.value_of(node.func)
         if is_message(called):
             return (called,)
-        return (
-            (_RESULTS[called],)
-            if isinstance(called, type | type(len)) and called in _RESULTS
-            else _UNKNOWN
-        )
+        known = isinstance(called, type | type(len)) and called in _RESULTS
+        return (_RESULTS[called],) if known else _UNKNOWN
 
     def _of_operands(self, op: ast.boolop, values: list[ast.expr]) -> Options:
         """Type `and`, which gives a false operand or the last, and `or`: a true one or the last."""
@@ -247,12 +243,12 @@ class Types:
             return _UNKNOWN
         never = NoneType if isinstance(op, ast.Or) else msgspec.Struct
         kept = [
-            tuple(
-                each for each in options if not (isinstance(each, type) and issubclass(each, never))
-            )
+            each
             for options in found[:-1]
+            for each in options
+            if not (isinstance(each, type) and issubclass(each, never))
         ]
-        return tuple(dict.fromkeys(each for options in (*kept, found[-1]) for each in options))
+        return tuple(dict.fromkeys([*kept, *found[-1]]))
 
     def _of_arithmetic(self, op: ast.operator, left: Options, right: Options) -> Options:
         both = {*left, *right}
@@ -300,11 +296,13 @@ def _of_item(options: Options, index: ast.expr) -> Options:
     return _joined([options_of(each) for each in items if each is not ...])
 
 
-def _result(function: object) -> Options:
-    """List the types that a function is annotated to return."""
-    if not isinstance(function, FunctionType):
-        return _UNKNOWN
+def hints_of(function: object) -> dict[str, Any]:
+    """Map what a function in Python annotates to types; none if they do not resolve."""
     try:
-        return options_of(get_type_hints(function).get("return", Any))
+        return get_type_hints(function) if isinstance(function, FunctionType) else {}
     except (NameError, TypeError, AttributeError):
-        return _UNKNOWN
+        return {}
+
+
+def _result(function: object) -> Options:
+    return options_of(hints_of(function).get("return", Any))

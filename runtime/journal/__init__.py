@@ -1,1 +1,1 @@
-"""What machines learn and do, entry by entry."""
+"""Journals: all that machines learn and do, entry by entry."""

@@ -166,7 +166,7 @@ def as_entry(values: tuple[Any, ...]) -> Entry:
 
 
 def _describe(value: object) -> object:
-    """Return what represents an object that is not data."""
+    """Represent an object that is not data, by a name or a text."""
     match value:
         case ExecutionError():  # where it is in a file changes more often than what it is
             return f"{value.state}, {value.step}: {value.__cause__ or value}"

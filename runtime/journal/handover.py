@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import Journal
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, WhiteboardError
 from llfsm.whiteboard.liveness import identity, is_alive, this_process
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
@@ -44,7 +44,7 @@ def find_recorder(board: Board) -> Recorder | None:
 
 
 def is_there(sample: Sample[Any]) -> bool:
-    """Return whether the process lives that has posted a `Recorder` or a `JournalPart`."""
+    """Check that the process lives that has posted a `Recorder` or a `JournalPart`."""
     silent_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
     return is_alive(sample.message, elsewhere=silent_s < SILENT_S)
 
@@ -224,7 +224,7 @@ class Reporter:
 
     def _begin(self, handover: Handover) -> None:
         arrangement, self._handover = self._arrangement, handover
-        for standing in filter(None, arrangement.standings()):
+        for standing in filter(None, arrangement.roster.standings()):
             path = type(arrangement.machine(standing.machine)).table.path
             handover.journal.add(("Loaded", standing.machine, path))
         arrangement.attach(handover.journal)

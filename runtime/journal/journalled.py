@@ -11,11 +11,17 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from llfsm.runtime.engine.clock import Clock, DebugClock
-from llfsm.runtime.engine.environment import Attendant, Elsewhere, Environment, Post, Read
+from llfsm.runtime.engine.clock import Clock
+from llfsm.runtime.engine.environment import (
+    AgedRead,
+    Attendant,
+    Elsewhere,
+    Environment,
+    Post,
+    Read,
+)
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
 from llfsm.runtime.engine.events import Status
-from llfsm.runtime.engine.freshness import AgedRead
 from llfsm.runtime.journal.entries import Journal
 
 if TYPE_CHECKING:
@@ -49,7 +55,7 @@ class JournalledEnvironment(Environment):
 
     @property
     def alive(self) -> bool:
-        """Whether the other environment still exists."""
+        """True while the other environment exists."""
         return self._inner.alive
 
     def enter(self, arrangement: Arrangement) -> None:
@@ -61,7 +67,7 @@ class JournalledEnvironment(Environment):
         arrangement.attach(self.journal)
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what attends in the other environment."""
+        """Let the other environment attend."""
         return self._inner.attend(arrangement)
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
@@ -82,8 +88,8 @@ class JournalledEnvironment(Environment):
         with self._inner.paused(), self.journal.asking():
             self._stop_deferred()
             yield
-        if isinstance(clock := self._inner.clock, DebugClock):
-            self.journal.add(("Behind", clock.behind_ns))
+        if (behind_ns := self._inner.clock.behind_ns) is not None:
+            self.journal.add(("Behind", behind_ns))
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
@@ -97,7 +103,7 @@ class JournalledEnvironment(Environment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what keeps each message that is another one than before, and each age."""
+        """Keep each message that is another one than before, and each age."""
         aged = self._inner.read_aged(machine, name, sensor, slot, start_count)
         read = self._keeping(machine, name, slot, aged)
         return _JournalledAgedRead(machine, name, read, aged, self.journal)
@@ -206,16 +212,16 @@ class JournalledEnvironment(Environment):
     def _close(self) -> None:
         self.clock.close()
         if self._arrangement is not None:
-            self._arrangement.move(self._inner)
+            self._arrangement.kernel.move(self._inner)
             self._arrangement.detach(self.journal)
 
 
-class _JournalledClock:
+class _JournalledClock(Clock):
     """A clock of which a journal keeps each reading, until it is closed."""
 
     def __init__(self, clock: Clock, journal: Journal):
         now_ns, keep = clock.now_ns, journal.reads.append
-        self.sleep_until_ns = clock.sleep_until_ns
+        self.sleep_until_ns = clock.sleep_until_ns  # type: ignore[method-assign]
 
         def read() -> int:
             value = now_ns()
@@ -224,9 +230,10 @@ class _JournalledClock:
 
         def close() -> None:
             nonlocal keep
-            keep, self.now_ns = _forget, now_ns  # some hold `read`
+            keep = _forget  # some hold `read`
+            self.now_ns = now_ns  # type: ignore[method-assign]
 
-        self.now_ns = read
+        self.now_ns = read  # type: ignore[method-assign]
         self.close = close
 
 
@@ -270,7 +277,7 @@ class _JournalledMachine:
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         return self._keep(self._machine.suspended)
 
     def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:

@@ -1,4 +1,14 @@
-"""Guards: they execute the last wills of machines whose processes died without shutting down."""
+"""Guards: they execute the last wills of machines whose processes died without shutting down.
+
+The kernel reports the death of a process of this host at once, through a descriptor that the guard
+polls together with the others; ids are used again, so the time at which a process began is looked
+up, too, and after the descriptor was opened. A process of another host, or one that may only be
+silent for so long, counts as dead when its status is too old. Any number of guards may watch a
+board: `execute` lets one of them post each value.
+
+New wills ring a bell; a search of the board once a second finds those of other hosts, which ring
+none here.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import msgspec
 
-from llfsm.runtime.engine.failure import one_line
+from llfsm.errors import one_line
 from llfsm.runtime.presence.slot_ownership import OwnReport
 from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
@@ -44,7 +54,7 @@ _log = logging.getLogger("llfsm.guard")
 
 
 class _Death(NamedTuple):
-    """Why a process counts as dead."""
+    """The reason for which a process counts as dead."""
 
     why: str
     silent_ns: int = 0
@@ -191,7 +201,7 @@ class Guard:
                 os.close(process.pidfd)
 
     def _death(self, watched: _Watched) -> _Death | None:
-        """Return why the process counts as dead; None if it does not."""
+        """Find the reason for which the process counts as dead; None if it does not."""
         will = watched.will
         if will is None:
             return None
@@ -206,7 +216,7 @@ class Guard:
         return _Death(f"{host}was silent for {silent_s:.1f} s", int(limit_s * 1e9))
 
     def _mirror(self) -> MirrorStatus:
-        """Return how the daemon is configured."""
+        """Return the status of the daemon, with its configuration; defaults without a daemon."""
         status = None
         with suppress(WhiteboardError):
             status = self._board[MIRROR].get()
@@ -218,7 +228,7 @@ class Guard:
         return Naming(mirror.name, mirror.fleet).will(watched.slot_name, will)
 
     def _silent_s(self, machine: str, will: LastWill) -> float:
-        """Return how long ago the process published a status; 0 if it never has."""
+        """Return the seconds since the process published a status; 0 if it never has."""
         with suppress(WhiteboardError):
             sample = self._board[status_slot(machine)].sample()
             if sample is not None and identity(sample.message) == identity(will):
@@ -248,7 +258,7 @@ class Guard:
             watched.slot.add_after(executed, sample.count)
 
     def _is_commanded(self, slot: str) -> bool:
-        """Return whether a process that lives has a last will for the slot, so may post to it."""
+        """Check that a process that lives has a last will for the slot, so may post to it."""
         return any(
             slot in {value.slot for value in self._here(watched, watched.will).values}
             for watched in self._watched.values()

@@ -1,18 +1,14 @@
-"""What other hosts have, read for as long as somebody looks at it.
+"""Hosts of a fleet, as seen from the board of one of them, for as long as somebody looks.
 
-A host that is not eager receives the folders that are read on it. A viewer of another host does
-not know them in advance: the hosts publish them.
+A daemon keeps up to date here what is read here, and nothing else; so to look at another host is to
+read slots, and to stop is to forget them.
 
-The hosts of a fleet as a table, for as long as somebody looks at it.
-
-It reads which hosts there are, and the summary that each publishes, and nothing else of theirs.
-
-What a program shows of a board while it runs: all there is, or what a host of a fleet has.
-
-A host's summary, for those who look at all hosts of a fleet: what it is up to, in a few lines.
-
-Whoever looks at a hundred hosts receives one message per second from each, however many machines
-and slots these have.
+* `HostNames`: the host whose own a slot or machine is, by name.
+* `FleetReader`: a viewer of another host does not know its folders in advance, so hosts announce
+  them, and what they announce is read.
+* `FleetTable`: hosts as a table, from the one summary that each publishes per second, however many
+  machines and slots it has. `summary_publisher` makes that.
+* `Shown`: what a program shows of a board, all there is or a host of a fleet.
 """
 
 from __future__ import annotations
@@ -40,7 +36,6 @@ from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.llfsm import (
     DEFINITIONS,
     HOSTS,
-    KEEPS_READ,
     MACHINES,
     MIRROR,
     SUMMARIES,
@@ -58,6 +53,7 @@ from llfsm.whiteboard.messages.llfsm import (
     viewer_slot,
 )
 from llfsm.whiteboard.mirror.naming import Naming
+from llfsm.whiteboard.slot_names import KEEPS_READ
 
 NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
 """Why no other host can be reached, and what to do."""
@@ -68,7 +64,7 @@ _QUIET_S = 0.5  # without another host, all that can be reached are known
 
 
 class HostNames:
-    """Whose the slots and machines on a board are."""
+    """The hosts whose slots and machines are on a board, by name."""
 
     def __init__(self, board: Board, *, silent_s: float = _SILENT_S) -> None:
         sample = None
@@ -89,7 +85,7 @@ class HostNames:
         return self.of_slot(status_slot(machine).name)
 
     def is_known(self, host: str) -> bool:
-        """Return whether slots of a host, this one or another one, have names on this board."""
+        """Check that slots of a host, this one or another one, have names on this board."""
         return host == self.own or self.of_slot(host + KEEPS_READ) == host
 
     def reached(self, board: Board) -> tuple[str, ...]:
@@ -108,7 +104,7 @@ class HostNames:
 
 
 def _is_mirrored(sample: Sample[MirrorStatus], silent_s: float) -> bool:
-    """Return whether the daemon runs; one of this PID namespace may be as slow as it likes."""
+    """Check that the daemon runs; one of this PID namespace may be as slow as it likes."""
     return time.monotonic_ns() - sample.stamp_ns < silent_s * 1e9 or writer_lives(sample)
 
 
@@ -166,7 +162,7 @@ class FleetReader:
         return self.names.reached(self._board)
 
     def problem(self) -> str:
-        """Return why the host to read cannot be, and what to do; empty if it can."""
+        """Say why the host cannot be read, and what to do; empty if it can."""
         host = self._host
         if host in ("", self.names.own):
             return ""
@@ -202,7 +198,7 @@ class FleetReader:
             time.sleep(_POLL_S)  # several slots at once, and a host that may never answer
 
     def _is_there(self, hosts: set[str], since_ns: int) -> bool:
-        """Return whether statuses of each host with machines have arrived since then.
+        """Check that statuses of each host with machines have arrived since then.
 
         Of those that were loaded, all have to; of a host with none, one.
         """
@@ -263,7 +259,7 @@ _LEADS = 10  # summaries from which a clock's lead is estimated
 
 
 class HostRow(NamedTuple):
-    """What is known of a host."""
+    """All that is known of a host, as a row of the table."""
 
     name: str
     is_own: bool
@@ -279,7 +275,7 @@ class HostRow(NamedTuple):
 
 
 class _Known:
-    """What was received of a host."""
+    """The summaries that were received of a host."""
 
     def __init__(self) -> None:
         self.is_there = True
@@ -357,7 +353,7 @@ class FleetTable:
         return [self._row(name, self._known[name], now_ns) for name in sorted(self._known)]
 
     def problem(self) -> str:
-        """Return why there is nothing to show, and what to do; empty if there is nothing wrong."""
+        """Say why there is nothing to show, and what to do; empty if nothing is wrong."""
         return "" if self._names.is_mirrored else NO_DAEMON
 
     def _slot(self, name: str) -> Slot[HostSummary]:
@@ -434,7 +430,7 @@ class Shown:
                     keep_read(self._board, kind + host, self._read)
 
     def has(self, slot: str) -> bool:
-        """Return whether a slot on the board is shown."""
+        """Return True if a slot on the board is shown."""
         if self.fleet is None or not self._host:
             return True
         return self.fleet.names.of_slot(slot) == self._host
@@ -496,7 +492,7 @@ def _samples(slots: StatusSlots, died_s: float) -> Iterator[tuple[str, Sample[Ma
 
 
 def _is_over(sample: Sample[MachineStatus], before_s: float) -> bool:
-    """Return whether a machine has died or failed, and published nothing for so long."""
+    """Check that a machine has died or failed, and published nothing for so long."""
     return time.monotonic_ns() - sample.stamp_ns > before_s * 1e9 and not is_live(sample)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime.engine.environment import Attendant, BoardEnvironment
 from llfsm.runtime.engine.errors import OptionError
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.journal.handover import Handover
     from llfsm.runtime.presence.remote import Directory, RemoteMachine
     from llfsm.runtime.presence.slot_ownership import Claims
-    from llfsm.runtime.presence.status_publisher import Presence
+    from llfsm.runtime.presence.status_publisher import StatusPublisher
     from llfsm.whiteboard import Board, Slot
 
 
@@ -41,21 +41,21 @@ class LiveEnvironment(BoardEnvironment):
         super().__init__(whiteboard, clock)
         self._handover = handover
         self._will_after_ms = will_after_ms or 0
-        self._presence: Presence | None = None
+        self._presence: StatusPublisher | None = None
         self._directory: Directory | None = None
         self._claims: Claims | None = None
         self._releases: dict[str, Callable[[], None]] = {}  # of each machine's claims
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what publishes the machines' statuses; None if the board has gone, or is full."""
+        """Make the publisher of the machines' statuses; None if the board has gone, or is full."""
         if not self.alive:
             return None
-        from llfsm.runtime.presence.status_publisher import Presence
+        from llfsm.runtime.presence.status_publisher import StatusPublisher
         from llfsm.whiteboard.errors import BoardFullError  # here, as few need the messages
         from llfsm.whiteboard.messages.llfsm import BELL, RECORDER, VIEWER
 
         try:
-            self._presence = Presence(
+            self._presence = StatusPublisher(
                 arrangement,
                 self.whiteboard,
                 self._handover,

@@ -1,10 +1,8 @@
-"""One machine on the whiteboard: its slots, the name that it has there, and its last will.
+"""A machine on the whiteboard: its slots, the name that it has there, and its last will.
 
-A machine as messages: its definition, and the values of its variables and sensors.
-
-To draw a machine of another process, or of a recording, its table is made of the definition again.
-
-What an arrangement publishes while somebody looks: variables, and why states are kept.
+Beside its status, a machine publishes its *definition* once, from which a viewer makes a table
+again to draw it, and, while somebody looks, the values of its *variables* and *why* it is in its
+state. Each of them has a limit: whatever a machine holds, publishing it must not stop a robot.
 """
 
 from __future__ import annotations
@@ -13,16 +11,17 @@ import math
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
-from llfsm.runtime.engine.failure import logger, one_line
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import is_live
 from llfsm.runtime.presence.will import Will, vacate_executed
 from llfsm.runtime.value_text import ValueText
@@ -62,7 +61,7 @@ _MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # d
 
 
 def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
-    """Return what a machine consists of, with or without its code."""
+    """Describe a machine by its states and transitions, with or without its code."""
     return MachineDefinition(
         table.path,
         tuple(_state(state, table.layout, sections) for state in table.states),
@@ -109,7 +108,8 @@ def table_of(definition: MachineDefinition) -> Table:
     states = {defined.name: State(defined.name) for defined in definition.states}
     if len(states) < len(definition.states) or not states:
         raise DefinitionError(f"{definition.path}: no states, or two of the same name")
-    layout = MachineLayout()
+    boxes: dict[str, StateBox] = {}
+    drawn: dict[str, tuple[TransitionPath, ...]] = {}
     for defined in definition.states:
         state = states[defined.name]
         state.suspend = defined.name == definition.suspend
@@ -126,12 +126,12 @@ def table_of(definition: MachineDefinition) -> Table:
                 Transition(state, states[transition.target], ("", 0), None, None, transition.label)
             )
         if defined.box is not None:
-            layout.states[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
+            boxes[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
         paths = [transition.path for transition in defined.transitions]
-        drawn = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
-        layout.transitions[defined.name] = tuple(_drawn(path) for path in drawn)
+        whole = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
+        drawn[defined.name] = tuple(_drawn(path) for path in whole)
     table = Table(definition.path, tuple(states.values()), {}, {}, {})
-    table.layout = layout if layout.states else None
+    table.layout = MachineLayout(boxes, drawn) if boxes else None
     return table
 
 
@@ -202,22 +202,6 @@ def _plain(value: Any) -> bool | int | float | str | None:
     return text
 
 
-class Published(NamedTuple):
-    """The part of a status that is posted as soon as it changes."""
-
-    state: str
-    suspended: bool
-    pending: str
-    obeyed: int
-    entered_ns: int | None
-    failure: Failure | None
-    hang: str
-    paused: str
-    overridden: tuple[str, ...]
-    caller: str
-    refusal: str
-
-
 class PublishedMachine:
     """The slots of one machine. The machine of another process may have its name there."""
 
@@ -234,7 +218,7 @@ class PublishedMachine:
         self._safe_values = safe_values
         self._silent_ms = silent_ms
         self.name = self.published_name = name
-        self.namesake: MachineStatus | None = None  # of the live machine that has the name
+        self.rival: MachineStatus | None = None  # of the live machine that has the name
         self._will: Will | None = None
         self._take()
 
@@ -246,7 +230,7 @@ class PublishedMachine:
             sample = self._slot.sample()
             if sample is None or not is_live(sample):
                 break
-            self.namesake = self.namesake or sample.message
+            self.rival = self.rival or sample.message
             number += 1
             names = f"{self.name}.{number}"
         self.published_name = names
@@ -258,7 +242,7 @@ class PublishedMachine:
         self._will = self._leave_will(names)
         self.obeyed = self._requests.count  # those were for an earlier process
         self._count = 0
-        self.published: Published | None = None
+        self.published: MachineStatus | None = None
         self.beat_ns = 0
         self._variables = variables_slot(names)
         self._why = why_slot(names)
@@ -323,28 +307,10 @@ class PublishedMachine:
         if self._will is not None:
             self._will.keep()
 
-    def post(self, published: Published, status: MachineStatus, now_ns: int) -> None:
+    def post(self, status: MachineStatus, now_ns: int) -> None:
         """Post the status."""
         self._count = self._slot.add(status)
-        self.published, self._status, self.beat_ns = published, status, now_ns
-
-    def beat(self, progress: tuple[int, int], now_ns: int) -> bool:
-        """Post the status of a machine that stands as it did; False if that is to be described."""
-        self.keep()
-        published = self.published
-        if published is None or published.hang or published.overridden or published.paused:
-            return False
-        before, (ringlets, overruns) = self._status, progress
-        passed_s = (now_ns - self.beat_ns) / 1e9
-        status = msgspec.structs.replace(
-            before,
-            ringlets=ringlets,
-            overruns=overruns,
-            in_state_s=0.0 if published.entered_ns is None else before.in_state_s + passed_s,
-            error_s=before.error_s + passed_s if before.failed else 0.0,
-        )
-        self.post(published, status, now_ns)
-        return True
+        self.published, self.beat_ns = status, now_ns
 
     def request(self) -> MachineRequest | None:
         """Return the request that came since the last call: the latest replaces the others."""
@@ -447,7 +413,7 @@ class Viewing:
         from llfsm.runtime.debugging.debugger import Debugger
         from llfsm.runtime.debugging.obeying import why_of
 
-        is_paused = bool(self._arrangement.paused)  # then no round comes
+        is_paused = bool(self._arrangement.kernel.paused)  # then no round comes
         is_ready, self._is_sampled = self._is_sampled or is_paused, not is_paused
         for entry in entries if is_ready else ():
             with self._tolerating:

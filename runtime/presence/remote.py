@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Status
@@ -34,6 +34,9 @@ _CLOCKS = {
     "simulated": "the states' clocks are the simulation's",
 }
 
+_HIDDEN = {"loaded", "entered_ns", "obeyed", "born", "namespace"}  # for llfsm's own processes
+_PASSING = {"in_state_s", "error_s", "paused_left_s"}  # count from the message's stamp
+
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
 PATIENCE_S = 5.0
@@ -61,7 +64,7 @@ class RemoteMachine:
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         return self.status.suspended
 
     @property
@@ -76,7 +79,7 @@ class RemoteMachine:
 
     @property
     def condition(self) -> Condition:
-        """How it is, in one word."""
+        """Its condition, in one word."""
         return condition_of(self.status, self.silent_s)
 
     def request(self, action: Action) -> Status:
@@ -116,7 +119,7 @@ class RemoteMachine:
 
     @property
     def is_asked(self) -> bool:
-        """Whether a request is still to be obeyed, as far as that is known.
+        """True if a request is still to be obeyed, as far as that is known.
 
         The process of another host counts those on its own board.
         """
@@ -208,7 +211,7 @@ class Directory:
 
 
 def condition_of(status: MachineStatus, silent_s: float) -> Condition:
-    """Return how a loaded machine is, whose status was published `silent_s` seconds ago."""
+    """Sum up a loaded machine in one word; its status was published `silent_s` seconds ago."""
     if silent_s > SILENT_S:
         return "silent"
     if status.hung:
@@ -220,8 +223,18 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
     return "suspended" if status.suspended else "running"
 
 
+def shown_fields(status: MachineStatus) -> dict[str, Any]:
+    """Return the fields of a status for people and programs to see, by name.
+
+    Left out are what only llfsm's own processes need, and the times: those go on after the status
+    was published, so whoever shows them adds that.
+    """
+    names = (each for each in status.__struct_fields__ if each not in _HIDDEN | _PASSING)
+    return {name: getattr(status, name) for name in names}
+
+
 def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:
-    """Return what a pause does to time, and how it ends, as of a status of so long ago."""
+    """Describe a pause for people: what it does to time, and how it ends, as of a status."""
     clock = _CLOCKS[status.clock]
     if status.paused_left_s is None:
         return f"{clock}; the machines wait until they are continued"
@@ -230,7 +243,7 @@ def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:
 
 
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:
-    """Return whether a machine is loaded by a process that lives.
+    """Check that a machine is loaded by a process that lives.
 
     In this PID namespace the process itself is looked up; in another one, as in a container, and on
     another host, a recent status is all there is.

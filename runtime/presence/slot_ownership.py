@@ -1,7 +1,11 @@
-"""Who commands a slot: claims on the board, so that no two processes do so unnoticed.
+"""Ownership of slots: claims on the board, so that no two processes command one unnoticed.
 
-Machines claim the slots to which they post. A process that posts to such a slot without a machine
-is listed by the machine's process, which looks whose messages the slot's buffers hold.
+Machines claim the slots to which they post: all claims to a slot are one message, which is replaced
+by compare-and-swap, so that of two processes that claim a slot exclusively at the same moment one
+fails. Claims of dead processes do not count, and are dropped by whoever writes next.
+
+A process that posts to such a slot without a machine is listed by the machine's process, which
+looks whose messages the slot's buffers hold: it need not cooperate.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from llfsm.runtime.engine.errors import ActuatorTakenError, LoadError
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard.errors import (
     BoardClosedError,
@@ -57,9 +61,7 @@ _numbers = count()  # they distinguish the claims of this process
 class Claims:
     """The claims of an arrangement's machines to the slots that they post to.
 
-    They are written when a machine is loaded and removed when it ends. Those of a process that has
-    died do not count. All claims to a slot are one message that is replaced by compare-and-swap, so
-    of two processes that claim a slot exclusively at the same moment, one fails.
+    They are written when a machine is loaded and removed when it ends.
     """
 
     def __init__(self, board: Board):
@@ -243,7 +245,7 @@ class OwnReport:
 
 
 def is_contested(commanders: Sequence[Commander]) -> bool:
-    """Return whether several processes command a slot, or one exclusively that is not alone."""
+    """Check that several processes command a slot, or one exclusively that is not alone."""
     processes = {identity(each) for each in commanders}
     exclusive = any(each.exclusive for each in commanders)
     machines = any(each.machine for each in commanders)
@@ -283,7 +285,7 @@ def _named(commander: Commander) -> str:
 
 
 def _alive(board: Board, claims: Sample[Commanders]) -> list[Commander]:
-    """Return those whose process lives; one that cannot be looked up must publish machines here.
+    """Keep those whose process lives; one that cannot be looked up must publish machines here.
 
     In another PID namespace it may have claimed a moment ago, and not have published any yet.
     """

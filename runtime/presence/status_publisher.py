@@ -1,8 +1,13 @@
-"""Bundles of running machines that are loaded again, beside their turns.
+"""An arrangement's machines on its whiteboard: their statuses out, requests to them in.
 
-Machines of several processes that have one name on a board: each is logged, once.
+A status is posted when a machine changes where it stands, and four times a second at least. To
+find out costs a comparison of a few objects (`_marks`); only then is a `MachineStatus` made, whose
+fields are filled here and nowhere else. While rounds follow each other without a sleep, posts are
+20 ms apart, so that a fast arrangement stays fast; nothing waits for a reader.
 
-An arrangement's machines on its whiteboard: their statuses out, requests to them in.
+Requests come the other way: whoever makes one rings the board's bell, which costs a comparison of
+counts to look at. Suspend, resume, restart and stop go to the arrangement's control, the debugger's
+to a debugger that is made then, and a reload to `Reloads`, which loads the bundle in a thread.
 """
 
 from __future__ import annotations
@@ -12,19 +17,20 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from llfsm.errors import LlfsmError
+from msgspec.structs import replace
+
+from llfsm.errors import LlfsmError, one_line
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking.bundles import load_checked
-from llfsm.runtime.engine.clock import pace_of, while_paused
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
-from llfsm.runtime.engine.failure import logger, one_line
 from llfsm.runtime.journal.handover import Handover, Reporter
-from llfsm.runtime.presence.published import Published, PublishedMachine, Viewing, vacate_dead
+from llfsm.runtime.log import logger
+from llfsm.runtime.presence.published import PublishedMachine, Viewing, vacate_dead
 from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.presence.slot_ownership import Claims
 from llfsm.whiteboard.errors import BoardClosedError, WhiteboardError
@@ -41,37 +47,38 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.clock import Clock
     from llfsm.runtime.engine.machine import Machine
-    from llfsm.runtime.engine.seat import Arrival
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard import Board
 
 
-class Namesakes:
-    """The names under which an arrangement's machines are published, where those are others."""
+class NameConflicts:
+    """Log, once each, machines of several processes that have one name on a board.
+
+    The second one is published under another name.
+    """
 
     def __init__(self, board: Board, claims: Claims):
         self._board = board
         self._claims = claims
         self._published: dict[str, str] = {}  # names that were logged, by machine
-        self._logged: set[tuple[str, int]] = set()  # names and processes of others' namesakes
+        self._logged: set[tuple[str, int]] = set()  # names and processes of others' machines
 
     def forget(self, machine: str) -> None:
         """Note that a machine is gone."""
         self._published.pop(machine, None)
 
     def look_at(self, entry: PublishedMachine) -> None:
-        """Log that a machine has another name on the board, and let the namesake look for it."""
+        """Log if a machine has another name on the board, and notify the one that has its name."""
         if entry.published_name == self._published.get(entry.name, entry.name):
             return
         self._published[entry.name] = entry.published_name
-        if entry.namesake is not None:
+        if entry.rival is not None:
             logger().warning(
                 "%s runs a machine %s on this whiteboard, too; this one is published as %s",
-                _process(entry.namesake),
+                process_text(entry.rival, "process"),
                 entry.name,
                 entry.published_name,
             )
@@ -79,7 +86,7 @@ class Namesakes:
         self._board.add_message(BELL, Bell(entry.name))
 
     def report(self, ours: Iterable[str]) -> None:
-        """Log, once each, machines of other processes that have the name of one of these."""
+        """Log machines of other processes that have the name of one of `ours`."""
         names = {status_slot(each).name.removeprefix(MACHINES) for each in ours}
         for machine in Directory(self._board).machines():
             status = machine.status
@@ -92,14 +99,10 @@ class Namesakes:
                 self._logged.add((machine.name, status.pid))
                 logger().warning(
                     "%s runs a machine %s on this whiteboard, too; it is published as %s",
-                    _process(status),
+                    process_text(status, "process"),
                     name,
                     machine.name,
                 )
-
-
-def _process(status: MachineStatus) -> str:
-    return process_text(status, "process")
 
 
 _PAUSE_NS = 20_000_000  # between two posts; a viewer does not look more often
@@ -128,11 +131,10 @@ class _Tolerance:
         return True
 
 
-class Presence:
+class StatusPublisher:
     """Publish the statuses of an arrangement's machines on a board, and obey requests made there.
 
-    The arrangement calls it after every round and while it sleeps. As long as rounds follow each
-    other without a sleep it posts only fifty times a second, so that a fast arrangement stays fast.
+    It attends to the run: the arrangement calls it after every round and while it sleeps.
     """
 
     def __init__(
@@ -145,15 +147,15 @@ class Presence:
         claims: Claims | None = None,
     ) -> None:
         self._arrangement = arrangement
+        self._kernel = arrangement.kernel
+        self._roster = arrangement.roster
         self._will_after_ms = will_after_ms
         self._claims = claims or Claims(board)
         vacate_dead(board)
         clock = clock or arrangement.clock
-        pace = pace_of(clock)
-        self._while_paused = while_paused(clock)
-        self._now = pace.now_ns
+        self._while_paused = clock.while_paused
+        self._now = clock.of_statuses().now_ns
         self._machine_now = clock.now_ns
-        self._is_one_time = pace is clock  # else the machines' may stand still
         self._board = board
         self._pid = os.getpid()
         self._born = born(self._pid)
@@ -162,8 +164,8 @@ class Presence:
         self._beat_due_ns = 0  # when the first of them is to be published again
         self._bell = board[BELL]
         self._rung = self._bell.count
-        self._has_rung = False  # since namesakes were looked for
-        self._namesakes = Namesakes(board, self._claims)
+        self._has_rung = False  # since name conflicts were looked for
+        self._conflicts = NameConflicts(board, self._claims)
         self._reloads: Reloads | None = None  # once one was asked for
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
@@ -178,9 +180,9 @@ class Presence:
 
     @property
     def reachable(self) -> bool:
-        """Whether another process can resume one of the machines that have failed."""
+        """True if another process can resume one of the machines that have failed."""
         published = self._entries.keys() - self._hidden
-        can_be = not published.isdisjoint(self._arrangement.failed_machines)
+        can_be = not published.isdisjoint(self._roster.failed)
         return can_be and not isinstance(self._board, LocalBoard)
 
     @property
@@ -202,7 +204,7 @@ class Presence:
                 self._claims.look()
                 if self._has_rung:
                     self._has_rung = False
-                    self._namesakes.report(self._entries)
+                    self._conflicts.report(self._entries)
             self._reporter.look()
 
     def beat(self) -> None:
@@ -218,7 +220,7 @@ class Presence:
             self._marks = {}
             for entry in self._entries.values():
                 entry.beat_ns = now_ns - _BEAT_NS
-        if is_due or self._arrangement.marks() != self._marks:
+        if is_due or self._current_marks() != self._marks:
             with self._lock, self._tolerating_the_board:
                 self._post(now_ns)
             self._reporter.look()
@@ -246,19 +248,21 @@ class Presence:
         with self._lock, self._tolerating_the_board, suppress(UnknownMachineError):  # it has left
             entry = None if name in self._hidden else self._entries.get(name)
             if entry is not None and entry.published is not None:
-                now_ns = self._now()
-                latest = entry.published._replace(hang=self._arrangement.hang(name))
-                arrival = self._arrangement.arrival(name)
-                entry.post(latest, self._status(name, latest, arrival), now_ns)
+                # A turn is under way: the rest is as it was before that.
+                before, seat = entry.published, self._roster.find(name)
+                entered_ns = before.entered_ns or self._machine_now()
+                in_state_s = (self._machine_now() - entered_ns) / 1e9
+                hangs = replace(before, hung=True, error=seat.hang, in_state_s=in_state_s)
+                entry.post(hangs, self._now())
                 self._marks.pop(name, None)  # it may look the same again when it has returned
                 self._arrangement.environment.wake()
 
     def end(self) -> None:
         """Post that the machines are gone."""
         with self._tolerating_the_board:
-            failed = self._arrangement.failed_machines
+            failures = {seat.name: seat.failure for seat in self._roster}
             for name, entry in self._entries.items():
-                entry.leave(self._arrangement.failure(name) if name in failed else None)
+                entry.leave(failures.get(name))
         self._entries.clear()
 
     @contextmanager
@@ -274,25 +278,25 @@ class Presence:
 
     def _obey_all(self) -> None:
         obey = {
-            "suspend": self._arrangement.hold,
+            "suspend": self._arrangement.control.hold,
             "resume": self._arrangement.resume,
             "restart": self._arrangement.restart,
             "stop": self._arrangement.stop_machine,
         }
-        for standing in self._arrangement.standings():
-            entry = None if standing is None else self._entries.get(standing.machine)
+        for name in [seat.name for seat in self._roster]:
+            entry = self._entries.get(name)
             request = None if entry is None else entry.request()
-            if request is not None and standing is not None:
+            if request is not None:
                 if request.action == "reload":
-                    self._reloading.begin(standing.machine)
+                    self._reloading.begin(name)
                 elif request.action in obey:
                     if self._reloads is not None:
-                        self._reloads.cancel(standing.machine)
-                    obey[request.action](standing.machine)
+                        self._reloads.cancel(name)
+                    obey[request.action](name)
                 else:
-                    self._debug(request, standing.machine)
+                    self._debug(request, name)
                 # The count of requests has changed; if the machine ends by it, that is seen, too.
-                self._marks[standing.machine] = ()
+                self._marks[name] = ()
                 self._arrangement.environment.wake()
 
     @property
@@ -308,8 +312,8 @@ class Presence:
             entry = self._entries.get(name)
             if entry is not None and name not in self._hidden:
                 with self._lock, self._tolerating_the_board, self._publishing(name):
-                    machine = self._arrangement.machine(name)
-                    entry.exchange(machine, self._arrangement.safe_values(name))
+                    seat = self._roster.find(name)
+                    entry.exchange(seat.machine, seat.safe_values())
 
     def _debug(self, request: MachineRequest, machine: str) -> None:
         """Have a debugger do what is requested."""
@@ -319,117 +323,111 @@ class Presence:
         obey(Debugger.of(self._arrangement), request, machine)
 
     def _look_at_instrument(self) -> None:
-        if self._arrangement.instrument is not None:
-            self._arrangement.instrument.look()
+        if self._kernel.instrument is not None:
+            self._kernel.instrument.look()
 
     def _has_news(self, now_ns: int) -> bool:
         if self._reloads is not None and self._reloads.is_ready:
             return True
-        return now_ns >= self._beat_due_ns or self._arrangement.marks() != self._marks
+        return now_ns >= self._beat_due_ns or self._current_marks() != self._marks
 
     def _post(self, now_ns: int) -> None:
-        marks = self._arrangement.marks()
+        marks = self._current_marks()
         if marks != self._marks or now_ns >= self._beat_due_ns:
             self._hidden &= marks.keys()
             for name in self._entries.keys() - marks:
-                self._namesakes.forget(name)
+                self._conflicts.forget(name)
                 self._entries.pop(name).leave()
             for name, mark in marks.items():
                 if name not in self._hidden:
                     with self._publishing(name):
                         entry = self._entries.get(name) or self._add(name)
                         is_same = mark == self._marks.get(name)
-                        if is_same and now_ns - entry.beat_ns < _BEAT_NS:
-                            continue
-                        progress = self._arrangement.progress(name)
-                        may_beat = is_same and self._is_one_time
-                        if not (may_beat and entry.beat(progress, now_ns)):
-                            self._describe(entry, now_ns)
+                        if not is_same or now_ns - entry.beat_ns >= _BEAT_NS:
+                            entry.keep()
+                            entry.post(self._status(entry), now_ns)
+                            self._conflicts.look_at(entry)
             self._marks = marks
             shown = self._entries.keys() - self._hidden
             beats = [self._entries[name].beat_ns for name in shown]
             self._beat_due_ns = min(beats, default=now_ns) + _BEAT_NS
         self._viewing.look(self._entries.values(), now_ns)
 
-    def _describe(self, entry: PublishedMachine, now_ns: int) -> None:
-        standing = self._arrangement.standing(entry.name)
-        arrival, reloads = self._arrangement.arrival(entry.name), self._reloads
-        is_reloading = reloads is not None and reloads.is_pending(entry.name)
-        latest = Published(
-            standing.state,
-            standing.suspended,
-            "reload" if is_reloading else standing.request or "",
-            entry.obeyed,
-            arrival.entered_ns,
-            self._arrangement.failure(entry.name),
-            self._arrangement.hang(entry.name),
-            self._arrangement.paused,
-            self._arrangement.overridden(entry.name),
-            self._published_name(self._arrangement.caller(entry.name)),
-            "" if reloads is None else reloads.refusal(entry.name),
-        )
-        if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
-            entry.keep()
-            latest = latest._replace(obeyed=entry.obeyed)
-            entry.post(latest, self._status(entry.name, latest, arrival), now_ns)
-            self._namesakes.look_at(entry)
+    def _current_marks(self) -> dict[str, tuple[object, ...]]:
+        """Collect, by machine, the objects that change with its status, without what counts."""
+        return {
+            seat.name: (
+                seat.current,
+                seat.previous,
+                seat.request,
+                seat.entered_ns,
+                seat.failure,
+                seat.hang,
+                self._kernel.paused,
+                seat.overridden,
+                seat.called_by,
+            )
+            for seat in self._roster
+        }
 
     def _pause_left_s(self) -> float | None:
-        instrument = self._arrangement.instrument
+        instrument = self._kernel.instrument
         return None if instrument is None else instrument.pause_left_s()
 
     def _published_name(self, name: str) -> str:
         entry = self._entries.get(name)
         return name if entry is None else entry.published_name
 
-    def _overridden(self, name: str, sensor: str) -> OverriddenSensor:
-        instrument = self._arrangement.instrument
-        left_s = None if instrument is None else instrument.left_s(name, sensor)
+    def _overridden(self, seat: Seat, sensor: str) -> OverriddenSensor:
+        instrument = self._kernel.instrument
+        left_s = None if instrument is None else instrument.left_s(seat.name, sensor)
         return OverriddenSensor(sensor, left_s)
 
     def _add(self, name: str) -> PublishedMachine:
+        seat = self._roster.find(name)
         entry = self._entries[name] = PublishedMachine(
-            self._board,
-            name,
-            self._arrangement.machine(name),
-            self._arrangement.safe_values(name),
-            self._will_after_ms,
+            self._board, name, seat.machine, seat.safe_values(), self._will_after_ms
         )
         return entry
 
-    def _status(self, name: str, latest: Published, arrival: Arrival) -> MachineStatus:
-        now_ns = self._machine_now()
-        ringlets, overruns = self._arrangement.progress(name)
-        realtime, cpu = self._arrangement.achieved
-        entered_ns = now_ns if latest.entered_ns is None else latest.entered_ns
+    def _status(self, entry: PublishedMachine) -> MachineStatus:
+        seat, now_ns = self._roster.find(entry.name), self._machine_now()
+        standing, arrival, failure = seat.standing(), seat.arrival(), seat.failure
+        ringlets, overruns = seat.progress
+        priority, cpu = self._kernel.achieved
+        reloads, paused, error = self._reloads, self._kernel.paused, seat.hang
+        if failure is not None and not error:
+            error = one_line(failure.error)
+        is_reloading = reloads is not None and reloads.is_pending(seat.name)
+        entered_ns = now_ns if arrival.entered_ns is None else arrival.entered_ns
         return MachineStatus(
-            state=latest.state,
-            suspended=latest.suspended,
-            pending=latest.pending,
+            state=standing.state,
+            suspended=standing.suspended,
+            pending="reload" if is_reloading else standing.request or "",
             ringlets=ringlets,
             overruns=overruns,
             in_state_s=(now_ns - entered_ns) / 1e9,
             source=arrival.source,
             transition=arrival.transition,
-            entered_ns=latest.entered_ns or 0,
-            obeyed=latest.obeyed,
+            entered_ns=arrival.entered_ns or 0,
+            obeyed=entry.obeyed,
             pid=self._pid,
             born=self._born,
             host=host_name(),
-            failed=latest.failure is not None,
+            failed=failure is not None,
             namespace=pid_namespace(),
-            hung=bool(latest.hang),
-            paused=latest.paused,
-            overridden=tuple(self._overridden(name, sensor) for sensor in latest.overridden),
-            caller=latest.caller,
-            refusal=latest.refusal,
-            paused_left_s=self._pause_left_s() if latest.paused else None,
+            hung=bool(seat.hang),
+            paused=paused,
+            overridden=tuple(self._overridden(seat, sensor) for sensor in seat.overridden),
+            caller=self._published_name(seat.called_by),
+            refusal="" if reloads is None else reloads.refusal(seat.name),
+            paused_left_s=self._pause_left_s() if paused else None,
             clock=self._while_paused,
-            realtime=realtime or 0,
+            realtime=priority or 0,
             cpu=-1 if cpu is None else cpu,
-            error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
-            error_state="" if latest.failure is None else latest.failure.error.state,
-            error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
+            error=error,
+            error_state="" if failure is None else failure.error.state,
+            error_s=0.0 if failure is None else (now_ns - failure.time_ns) / 1e9,
         )
 
 
@@ -473,17 +471,17 @@ class Reloads:
             self._refuse(name, "another request came before its bundle was loaded")
 
     def is_pending(self, name: str) -> bool:
-        """Return whether a machine is to be reloaded, and is not yet."""
+        """Return True if a machine is to be reloaded, and is not yet."""
         loading = self._loading.get(name)
         return loading is not None and not loading.is_cancelled
 
     def refusal(self, name: str) -> str:
-        """Return why the latest reload of a machine was refused; "" if it was not."""
+        """Return the reason why the latest reload of a machine was refused; "" if it was not."""
         return self._refusals.get(name, "")
 
     @property
     def is_ready(self) -> bool:
-        """Whether a bundle is loaded."""
+        """True if a bundle is loaded."""
         return any(each.is_done for each in self._loading.values())
 
     def finish(self) -> list[str]:
@@ -498,12 +496,12 @@ class Reloads:
 
     def _finish(self, name: str, loading: _Loading) -> None:
         arrangement = self._arrangement
-        standing = arrangement.standing(name)
-        is_held = standing.suspended and not loading.suspended and not arrangement.failure(name)
+        seat = arrangement.roster.find(name)
+        is_held = seat.suspended and not loading.suspended and not seat.failure
         try:
             if isinstance(loading.found, str):
                 raise LoadError(loading.found)
-            if is_held or standing.request == "suspend" or arrangement.machine(name).stopping:
+            if is_held or seat.request == "suspend" or seat.machine.stopping:
                 raise LoadError("it was suspended or asked to stop while its bundle was loaded")
             arrangement.reload(name, loading.found)
         except LlfsmError as error:

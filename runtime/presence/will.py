@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from llfsm.runtime.engine.failure import logger, one_line
+from llfsm.errors import one_line
+from llfsm.runtime.log import logger
 from llfsm.whiteboard.errors import (
     BoardFullError,
     MessageError,
@@ -96,7 +97,7 @@ class Will:
 
 
 class Executed(NamedTuple):
-    """What has become of a will's safe values, by names of slots."""
+    """The outcome of executing a will, by names of slots."""
 
     posted: list[str]
     deferred: list[str]
@@ -161,7 +162,7 @@ def _post(
     silent_ns: int,
     is_commanded: Callable[[str], bool],
 ) -> bool | None:
-    """Return whether the value was posted; None if the latest message is too new."""
+    """Post a safe value; return None if the latest message is too new, False if it must not be."""
     bound, message = _bind(board, value)
     while True:
         encoded = bound.encoded()
@@ -180,14 +181,14 @@ def _post(
 
 
 def _is_by(latest: Sample[Any], will: LastWill) -> bool:
-    """Return whether a message is of the process that left the will, not of a later one."""
+    """Check that a message is of the process that left the will, not of a later one."""
     if latest.writer != will.pid:
         return False
     return is_alive(will, elsewhere=True) or not writer_lives(latest)
 
 
 def _is_mirrored(board: Board, latest: Sample[Any], daemon: int) -> bool:
-    """Return whether a message is from another host; `daemon` has added one that was."""
+    """Check that a message is from another host; `daemon` has added one that was."""
     status = board[MIRROR].get()
     known = (daemon, 0 if status is None else status.pid)
     return latest.writer in known or not writer_lives(latest)

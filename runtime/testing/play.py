@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeAlias
 
-from llfsm.runtime.engine.arrangement import Arrangement, Factory, OnError
+from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.errors import ExecutionError, ObserverError
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
+from llfsm.runtime.engine.kernel import Control, Factory, OnError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
@@ -27,8 +28,8 @@ Invariant: TypeAlias = Callable[[Arrangement], object]
 class Loading(Protocol):
     """A machine and how it is loaded, such as `llfsm.runtime.verification.Member`."""
 
-    def load(self, arrangement: Arrangement) -> None:
-        """Load a new machine into `arrangement`."""
+    def load(self, control: Control) -> None:
+        """Load a new machine into the arrangement of `control`."""
         ...
 
 
@@ -60,7 +61,7 @@ def play(
         if callable(each):
             arrangement.load(_make(each))
         else:
-            each.load(arrangement)
+            each.load(arrangement.control)
     watch = _Watch(arrangement, invariant)
     arrangement.attach(watch)
     begin: Invariant | None = getattr(invariant, "begin", None)
@@ -168,7 +169,7 @@ class ScriptRun:
             environment=environment, unload_accepting=unload_accepting, on_error=on_error
         )
         for member in members:
-            member.load(self.arrangement)
+            member.load(self.arrangement.control)
 
     def play(self, script: Iterable[Step]) -> Iterator[Step]:
         """Do a script, and yield each step when its rounds are over; end at an error of code."""

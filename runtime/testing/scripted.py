@@ -107,9 +107,9 @@ class ScriptedEnvironment(LiveEnvironment):
                 if action == "stop":
                     arrangement.stop("the script asks for it")
                 elif action == "suspend":
-                    arrangement.hold(machine)  # as from another process
+                    arrangement.control.hold(machine)  # as from another process
                 else:
-                    getattr(arrangement, action)(machine)
+                    getattr(arrangement.control, action)(machine)
 
     def content(self, slot: Slot[Any]) -> Any:
         """Return the latest message of a slot; None if it is empty or the script emptied it."""

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final
 
-from llfsm.runtime.engine.arrangement import Factory
+from llfsm.runtime.engine.kernel import Factory
 from llfsm.runtime.testing.errors import HypothesisMissingError, NotDeterministicError
 from llfsm.runtime.testing.play import Invariant, Loading, factories, play
 from llfsm.runtime.testing.scripted import Step

@@ -15,6 +15,7 @@ whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `decid
 `unmodelled_state` and `space`.
 """
 
+from llfsm.runtime.verification._exploring import explore, verify
 from llfsm.runtime.verification.domains import Member, every
 from llfsm.runtime.verification.errors import (
     DomainError,
@@ -22,7 +23,6 @@ from llfsm.runtime.verification.errors import (
     UnsupportedError,
     VerificationError,
 )
-from llfsm.runtime.verification.exploring import explore, verify
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     ChosenTurn,

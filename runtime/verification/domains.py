@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, overload
 import msgspec
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.engine.arrangement import Factory
 from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.kernel import Factory
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import MOST, messages_of_domain
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 from llfsm.runtime.verification.values import UnknownValueError, freeze
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.kernel import Control
     from llfsm.whiteboard import Slot
 
 T = TypeVar("T")
@@ -238,12 +238,12 @@ class Member(NamedTuple):
     slots: Mapping[str, str] = {}
     suspended: bool = False
 
-    def load(self, arrangement: Arrangement) -> None:
-        """Load a new machine into `arrangement`."""
+    def load(self, control: Control) -> None:
+        """Load a new machine into the arrangement of `control`."""
         made: Any = self.machine
         if not (isinstance(made, type) and issubclass(made, Machine)):
             made = made()
-        load = arrangement.load_suspended if self.suspended else arrangement.load
+        load = control.load_suspended if self.suspended else control.load
         load(made, name=self.name, variables=self.variables or None, slots=self.slots)
 
 

@@ -19,15 +19,14 @@ from collections.abc import Iterable, Set
 from math import floor, inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self
 
-from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.clock import NEVER, Clock
 from llfsm.runtime.engine.environment import Environment, Post, Read
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.environment import Elsewhere
-    from llfsm.runtime.engine.freshness import AgedRead
+    from llfsm.runtime.engine.environment import AgedRead, Elsewhere
     from llfsm.runtime.engine.ports import Actuator, Sensor
     from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard import Slot
@@ -256,7 +255,7 @@ class ExploredEnvironment(Environment):
         self.touched.add(machine)
 
 
-class _Clock:
+class _Clock(Clock):
     """The clock, whose moments are opaque."""
 
     def __init__(self, environment: ExploredEnvironment):

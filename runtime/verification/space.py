@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Final, NamedTuple, TextIO
 
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.runtime.verification.breadth_first import Search, Successor
+from llfsm.runtime.verification._breadth_first import Search, Successor
+from llfsm.runtime.verification._predicates import PackedSituation, UnnamedFieldError
+from llfsm.runtime.verification._system import System
+from llfsm.runtime.verification._tables import Tables
 from llfsm.runtime.verification.domains import Member
 from llfsm.runtime.verification.errors import PredicateError, VerificationError
-from llfsm.runtime.verification.predicates import PackedSituation, UnnamedFieldError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
-from llfsm.runtime.verification.system import System
-from llfsm.runtime.verification.tables import Tables
 from llfsm.runtime.verification.values import message_text
 
 _MANY = 1_000
@@ -92,8 +92,8 @@ class Space:
         """The slots that they use, by name."""
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
-        self.unload_accepting = system.ringlets.unload_accepting
-        self.on_error = system.ringlets.on_error
+        self.unload_accepting = system.ringlets.kernel.unload_accepting
+        self.on_error = system.ringlets.kernel.on_error
         self.search = search
         """The states themselves, packed, and the turns from one to the next."""
         self._system = system

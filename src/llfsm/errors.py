@@ -6,9 +6,14 @@ Each package draws its own tree at the head of its `errors` module.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["LlfsmError", "did_you_mean", "nearby_file", "nothing_called"]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["LlfsmError", "did_you_mean", "nearby_file", "nothing_called", "one_line"]
+
+_LONGEST = 300  # characters of an error in one line
 
 
 class LlfsmError(Exception):
@@ -41,3 +46,12 @@ def nothing_called(name: str, known: Iterable[str]) -> str:
     if name in stdlib_module_names:
         return f"nothing is called {name!r}; is an import missing?"
     return f"nothing is called {name!r}{did_you_mean(name, known)}"
+
+
+def one_line(error: BaseException) -> str:
+    """Return an error's message in one line of about 300 characters at most, as valid UTF-8."""
+    line = " ".join(str(error).split()).encode(errors="backslashreplace").decode()
+    if len(line) <= _LONGEST:
+        return line
+    half = _LONGEST // 2
+    return f"{line[:half]} … {line[-half:]}"  # the place in the code comes last

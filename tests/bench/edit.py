@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, write_bundle
 from llfsm.runtime.engine.table import MachineLayout, StateBox
@@ -71,11 +72,77 @@ _ARROW = "document.querySelector('#drawing [data-transition=\"{}\"]')"
 _TO_DRAWING = "document.querySelector('#drawing .diagram').focus()"
 
 
+class Editor:
+    """The page of a machine in a browser, and the samples of each kind of edit made there."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.samples: dict[str, list[float]] = {}
+
+    def sample(self, kind: str, press: str, condition: str, before: Callable[[], object]) -> None:
+        """Press a key, and take the time until a condition holds on the page."""
+        before()
+        time.sleep(PAUSE_S)
+        self.page.evaluate(_WATCH, [press.rpartition("+")[2], condition])
+        self.page.keyboard.press(press)
+        self.samples.setdefault(kind, []).append(self.page.evaluate("window.seen"))
+
+    def to_drawing(self) -> object:
+        """Give the drawing the keyboard."""
+        return self.page.evaluate(_TO_DRAWING)
+
+    def write_name(self, name: str) -> None:
+        """Write a state's new name."""
+        self.to_drawing()
+        self.page.keyboard.press("F2")
+        self.page.keyboard.insert_text(name)
+
+    def to_targets(self) -> None:
+        """Choose among the targets of a new arrow."""
+        self.to_drawing()
+        self.page.keyboard.press("c")
+        self.page.keyboard.press("ArrowDown")
+
+    def write_wrong(self, name: str) -> None:
+        """Write all but the end of a name that no variable has."""
+        self.page.locator(".transitions .cm-content").first.click()
+        self.page.keyboard.press("Control+a")
+        self.page.keyboard.insert_text(name)
+
+    def edit(self, times: int) -> None:
+        """Make each kind of edit so many times."""
+        place = f"{_OF.format('S100')}.querySelector('.box').getAttribute('x')"
+        for _ in range(times):
+            was = self.page.evaluate(place)
+            self.sample("move", "ArrowRight", f"{place} !== {was!r}", self.to_drawing)
+        for i in range(times):
+            self.sample("rename", "Enter", _OF.format(f"T{i}"), partial(self.write_name, f"T{i}"))
+        for i in range(times):
+            drawn = _ARROW.format(f"T{times - 1}:{2 + i}")
+            self.sample("connect", "Enter", drawn, self.to_targets)
+        for i in range(times):
+            shown = f"document.querySelector('#findings').textContent.includes('wrong{i}_')"
+            self.sample("check", "_", shown, partial(self.write_wrong, f"wrong{i}"))
+        for i in range(1, times + 1):
+            self.sample("add", "n", _OF.format(f"State_{i}"), self.to_drawing)
+        for i in range(times, 0, -1):
+            self.sample("undo", "Control+z", f"!{_OF.format(f'State_{i}')}", self.to_drawing)
+        for i in range(times):
+            chosen = f"document.querySelector('#name')?.value === 'S{i}'"
+            self.sample("select", "Tab", chosen, self.to_drawing)
+        place = f"{_OF.format('S150')}.querySelector('.box').getAttribute('x')"
+        was = self.page.evaluate(place)
+        for _ in range(times):
+            self.sample("arrange", "a", f"{place} !== {was!r}", self.to_drawing)
+            self.to_drawing()
+            self.page.keyboard.press("Control+z")
+            self.page.wait_for_function(f"() => {place} === {was!r}")
+
+
 def measure(times: int) -> dict[str, list[float]]:
     """Make each kind of edit so many times; return the samples of each."""
     from playwright.sync_api import sync_playwright
 
-    found: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         machine = Path(folder, "Big.machine")
         write_machine(machine)
@@ -96,68 +163,12 @@ def measure(times: int) -> dict[str, list[float]]:
                 box = page.locator("#drawing [data-state=S100] .box").bounding_box()
                 assert box is not None
                 page.mouse.click(box["x"] + 3, box["y"] + 3)  # labels may cover the rest
-
-                def sample(
-                    kind: str, press: str, condition: str, before: Callable[[], object]
-                ) -> None:
-                    before()
-                    time.sleep(PAUSE_S)
-                    page.evaluate(_WATCH, [press.rpartition("+")[2], condition])
-                    page.keyboard.press(press)
-                    found.setdefault(kind, []).append(page.evaluate("window.seen"))
-
-                def to_drawing() -> object:
-                    return page.evaluate(_TO_DRAWING)
-
-                def write_name(name: str) -> None:
-                    to_drawing()
-                    page.keyboard.press("F2")
-                    page.keyboard.insert_text(name)
-
-                def to_targets() -> None:
-                    to_drawing()
-                    page.keyboard.press("c")
-                    page.keyboard.press("ArrowDown")
-
-                def write_wrong(name: str) -> None:
-                    page.locator(".transitions .cm-content").first.click()
-                    page.keyboard.press("Control+a")
-                    page.keyboard.insert_text(name)
-
-                def take_back() -> None:
-                    to_drawing()
-                    page.keyboard.press("Control+z")
-
-                for _ in range(times):
-                    place = f"{_OF.format('S100')}.querySelector('.box').getAttribute('x')"
-                    was = page.evaluate(place)
-                    sample("move", "ArrowRight", f"{place} !== {was!r}", to_drawing)
-                for i in range(times):
-                    write = partial(write_name, f"T{i}")
-                    sample("rename", "Enter", _OF.format(f"T{i}"), write)
-                for i in range(times):
-                    drawn = _ARROW.format(f"T{times - 1}:{2 + i}")
-                    sample("connect", "Enter", drawn, to_targets)
-                for i in range(times):
-                    shown = f"document.querySelector('#findings').textContent.includes('wrong{i}_')"
-                    sample("check", "_", shown, partial(write_wrong, f"wrong{i}"))
-                for i in range(1, times + 1):
-                    sample("add", "n", _OF.format(f"State_{i}"), to_drawing)
-                for i in range(times, 0, -1):
-                    sample("undo", "Control+z", f"!{_OF.format(f'State_{i}')}", to_drawing)
-                for i in range(times):
-                    chosen = f"document.querySelector('#name')?.value === 'S{i}'"
-                    sample("select", "Tab", chosen, to_drawing)
-                place = f"{_OF.format('S150')}.querySelector('.box').getAttribute('x')"
-                was = page.evaluate(place)
-                for _ in range(times):
-                    sample("arrange", "a", f"{place} !== {was!r}", to_drawing)
-                    take_back()
-                    page.wait_for_function(f"() => {place} === {was!r}")
+                editor = Editor(page)
+                editor.edit(times)
                 browser.close()
             finally:
                 server.kill()
-    return found
+    return editor.samples
 
 
 def main() -> None:

@@ -59,7 +59,7 @@ class Pace(NamedTuple):
     page_s: float  # of showing a page
     edits: int  # of each kind, on a page
     explorations: tuple[int, int | None]  # of a microwave; states of two ovens, None for all
-    reversed_turns: int  # turns of a recording
+    reversed_turns: tuple[int, int]  # turns of a recording, and places in it
 
 
 @dataclass(frozen=True)

@@ -205,8 +205,8 @@ def _paced() -> dict[str, Subject]:
             for name in names:
                 arrangement.load(Counting(), name=name)
             if suffix:
-                arrangement.stopwatch = None
-                arrangement.pacer.__class__ = Unmeasured
+                arrangement.kernel.stopwatch = None
+                arrangement.kernel.pacer.__class__ = Unmeasured
             found[what + suffix] = Subject("round()", {"round": arrangement.round}, 10)
     return found
 

@@ -27,7 +27,6 @@ POSE = Slot("pose", Int32)
 PERIOD_MS = 50
 HOUR = 3600 * 1000 // PERIOD_MS
 BACK = ["back turn", "back round", "back fire", "back leave", "reverse"]
-PLACES = 8
 
 
 class Bouncer(Machine):
@@ -46,8 +45,8 @@ class Bouncer(Machine):
         self.bounces += 1
 
 
-def rows(turns: int) -> Iterator[Row]:
-    """Go back in as many turns, at places all over them, each reached by `goto`."""
+def rows(turns: int, places: int) -> Iterator[Row]:
+    """Go back in so many turns, at places all over them, each reached by `goto`."""
     if sys.platform != "linux":
         return
     with tempfile.TemporaryDirectory() as folder:
@@ -62,8 +61,8 @@ def rows(turns: int) -> Iterator[Row]:
             first = _taken_ns(prompt, "goto 1e9")
             _taken_ns(prompt, "break Bouncer:STOP")
             samples = []
-            for place in range(PLACES, 0, -1):
-                seconds = turns * PERIOD_MS / 1000 * place / PLACES
+            for place in range(places, 0, -1):
+                seconds = turns * PERIOD_MS / 1000 * place / places
                 for line in (f"goto {seconds - 1}", *BACK):
                     samples.append(_taken_ns(prompt, line))
     what = f"a recording of {turns} turns, once"

@@ -68,7 +68,7 @@ FULL = Pace(
     page_s=10,
     edits=10,
     explorations=(5, None),
-    reversed_turns=reversing.HOUR,
+    reversed_turns=(reversing.HOUR, 8),
 )
 QUICK = Pace(
     samples=3,
@@ -81,8 +81,8 @@ QUICK = Pace(
     fleet_s=None,  # likewise
     page_s=1,
     edits=1,
-    explorations=(1, 20_000),
-    reversed_turns=400,
+    explorations=(1, 5_000),
+    reversed_turns=(100, 2),
 )
 
 _STARTING, _ROUNDS = 50, 500  # of a period of 1 ms: those in which machines are published, and then
@@ -126,7 +126,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     if pace.fleet_s is not None:
         yield from fleet.rows(pace.fleet_s)
     yield from exploring.rows(*pace.explorations)
-    yield from reversing.rows(pace.reversed_turns)
+    yield from reversing.rows(*pace.reversed_turns)
     yield from pages.rows(pace.page_s, pace.edits)
 
 
@@ -205,7 +205,7 @@ def _processes(pace: Pace) -> Iterator[Row]:
     meters = [process("llfsm", str(Path(python).with_name("llfsm")), "--help")]
     yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 120)
     meters = [Meter("llfsm", "footprint.py", _footprint)]
-    yield Row("memory: 100 slots, 4 machines", in_turns(meters, 3), ALONE_MIB, 40)
+    yield Row("memory: 100 slots, 4 machines", in_turns(meters, min(times, 3)), ALONE_MIB, 40)
 
 
 def _reaction(pace: Pace) -> Iterator[Row]:

@@ -53,7 +53,7 @@ class Watched(Worker):
     @Worker.work.internal
     def _(self) -> None:
         self.turns += 1
-        watch = self._seat.arrangement.stopwatch
+        watch = self._seat.kernel.stopwatch
         waited = os.pread(self.schedstat, 64, 0).split()[1]
         self.seen += (watch.begin_ns - watch.due_ns, int(waited))
 

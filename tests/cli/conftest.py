@@ -47,6 +47,14 @@ class Llfsm:
             check=False,
         )
 
+    def run_forked(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run it as a process that has imported llfsm before, for how it ends."""
+        command = self.command(arguments)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with Forked(command, cwd=self.cwd, text=True, **pipes) as process:
+            stdout, stderr = process.communicate(timeout=PATIENCE_S)
+        return subprocess.CompletedProcess(command, process.returncode, stdout, stderr)
+
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         process = Forked(
             self.command(arguments),

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from llfsm.bridges.ros2.bridging.link import BridgeLink
+from llfsm.bridges.ros2.transport import Notifier
 from llfsm.cli.bridge.ros2 import Counts
 from llfsm.cli.root import main
 from llfsm.whiteboard import Slot, Whiteboard
@@ -155,7 +156,7 @@ def test_a_domain_of_the_environment_that_is_none_is_wrong_usage(llfsm, monkeypa
 
 def test_rates_are_those_of_the_last_second_or_more():
     now = [100.0]
-    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose", Notifier(print))
     counts = Counts([link], lambda: now[0])
     for _ in range(50):
         link.count()
@@ -168,7 +169,7 @@ def test_rates_are_those_of_the_last_second_or_more():
 
 
 def test_a_line_says_how_much_went_through_and_when():
-    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose", Notifier(print))
     counts = Counts([link])
     assert str(counts.read()[0]) == "pose <- /pose: 0, 0.0/s"
     link.count()

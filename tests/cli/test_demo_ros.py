@@ -75,6 +75,9 @@ def restarted(demo: Demo, command: str, before: int) -> Callable[[], bool]:
     return lambda: children(demo.pid).get(command, before) != before
 
 
+# Five seconds of a processor, for twelve processes that start: each of them is also killed by the
+# tests of what keeps them running, test_demo_processes.py, and the bridge by the next one here.
+@pytest.mark.soak
 def test_whoever_is_killed_is_reported_and_started_again_and_the_turtle_goes_on(
     start: Callable[..., Demo], board: str
 ) -> None:

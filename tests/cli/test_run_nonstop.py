@@ -142,7 +142,7 @@ def test_a_crash_is_reported_and_all_starts_afresh(
     llfsm: Llfsm, board: str, how: str, printed: str
 ) -> None:
     arguments = ["mine:Crasher", f"Crasher:how={how}", "-q", "--remove-board", "-b", board]
-    done = llfsm.run_apart("run", "-n", *arguments)
+    done = llfsm.run_forked("run", "-n", *arguments)
     assert done.returncode == 0, done.stderr
     assert [line for line in done.stdout.splitlines() if line.startswith("run")] == [
         "run 1, entered 1",
@@ -157,7 +157,7 @@ def test_a_crash_is_reported_and_all_starts_afresh(
 
 
 def test_debug_shows_the_traceback_of_a_crash(llfsm: Llfsm, board: str) -> None:
-    done = llfsm.run_apart("--debug", "run", "-n", "mine:Crasher", "-q", "-b", board)
+    done = llfsm.run_forked("--debug", "run", "-n", "mine:Crasher", "-q", "-b", board)
     assert done.returncode == 0
     assert "Traceback" in done.stderr
     assert done.stderr.splitlines()[-1] == "the arrangement failed; it starts again"
@@ -165,7 +165,7 @@ def test_debug_shows_the_traceback_of_a_crash(llfsm: Llfsm, board: str) -> None:
 
 def test_a_normal_end_ends_it(llfsm: Llfsm, board: str) -> None:
     (llfsm.cwd / "runs").write_text("x")  # so that it does not crash
-    done = llfsm.run_apart("run", "-n", "mine:Crasher", "-t", "-q", "-b", board)
+    done = llfsm.run_forked("run", "-n", "mine:Crasher", "-t", "-q", "-b", board)
     assert done.returncode == 0
     assert done.stderr.startswith("machine  ringlets")
     assert "run 2, entered 1\n" in done.stdout
@@ -288,7 +288,7 @@ def test_what_cannot_be_loaded_is_not_tried_again(
     (llfsm.cwd / "load.toml").write_text(
         "[[machine]]\ndefinition = 'mine:Crasher'\nvariables.entered = 'x'\n"
     )
-    done = llfsm.run_apart("run", "-n", *arguments, "-q", "-b", board)
+    done = llfsm.run_forked("run", "-n", *arguments, "-q", "-b", board)
     assert done.returncode == status
     assert printed in done.stderr
     assert "again" not in done.stderr

@@ -8,7 +8,7 @@ import pytest
 
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.messages.llfsm import KEEPS_READ
+from llfsm.whiteboard.slot_names import KEEPS_READ
 
 from .conftest import Llfsm, exists, wait_for_line
 

@@ -71,7 +71,7 @@ class Player:
         """Return where all has come to."""
         arrangement = self.arrangement
         return {"rounds": arrangement.rounds, "t": self.clock.now_ns()} | {
-            m.name: (arrangement.index_of(m.name), m.state_name, arrangement.status(m.name))
+            m.name: (arrangement.control.index_of(m.name), m.state_name, arrangement.status(m.name))
             for m in arrangement.machines
         }
 
@@ -120,7 +120,7 @@ class Player:
                 getattr(machine, name)(argument)
             except UnknownMachineError:
                 result = CLFSM_UNKNOWN.get(name, -1) if self.clfsm_names else "unknown"
-                stamp = self.arrangement.stamp()
+                stamp = self.arrangement.kernel.stamp()
                 self.record(ev.Call(*stamp, machine.name, state, name, argument, result))
 
     def holds(self, machine: Machine, cond: Any) -> bool:
@@ -145,7 +145,7 @@ class Player:
                 return all(self.holds(machine, c) for c in value)
             case "is_suspended" | "is_running":
                 try:  # asked from outside, where no Call is reported
-                    return getattr(self.arrangement, kind)(value)
+                    return getattr(self.arrangement.control, kind)(value)
                 except UnknownMachineError:
                     return CLFSM_UNKNOWN[kind]
         raise AssertionError(f"unknown condition {kind}")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from definition import BUILT
-from llfsm.runtime.engine import ringlet, twin
+from llfsm.runtime.engine import ringlet, seat
 
 FILES = sorted((Path(__file__).parent / "scenarios").glob("*.json"))
 UNKNOWN_NAMES = "74-unknown-name"  # the one where the runtime differs on purpose
@@ -33,7 +33,7 @@ def _ringlet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     if request.param == "twin":
         if not BUILT:
             pytest.skip("the twins in C are not built, or hidden")
-        monkeypatch.setattr(ringlet, "ringlet", twin.ringlet)
+        monkeypatch.setattr(seat, "defined_ringlet", ringlet.ringlet)
 
 
 @pytest.mark.usefixtures("_ringlet")

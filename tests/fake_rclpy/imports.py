@@ -50,6 +50,31 @@ def action_module(of):
     return module
 
 
+MESSAGES = {
+    "std_msgs": ["Int64", "String"],
+    "geometry_msgs": ["Twist"],
+    "turtlesim": ["Pose"],
+    "rcl_interfaces": ["Log", "ParameterEvent"],
+    "diagnostic_msgs": ["DiagnosticArray"],
+    "lifecycle_msgs": ["TransitionEvent"],
+    "rosgraph_msgs": ["Clock"],
+    "action_msgs": ["GoalStatusArray"],
+}
+SERVICES = {
+    "turtlesim": ["Spawn"],
+    "std_srvs": ["Empty"],
+    "action_msgs": ["CancelGoal"],
+    "lifecycle_msgs": [
+        "ChangeState", "GetAvailableStates", "GetAvailableTransitions", "GetState",
+    ],
+    "type_description_interfaces": ["GetTypeDescription"],
+    "rcl_interfaces": [
+        "DescribeParameters", "GetParameterTypes", "GetParameters", "ListParameters",
+        "SetParameters", "SetParametersAtomically",
+    ],
+}  # fmt: skip
+
+
 def modules(types):
     """Return the modules to be found instead of rclpy's, and those of the tests' messages."""
     found = {}
@@ -101,36 +126,13 @@ def modules(types):
         serialize_message=lambda message: message.data,
         deserialize_message=lambda data, of: of(data),
     )
-    messages = {
-        "std_msgs": ["Int64", "String"],
-        "geometry_msgs": ["Twist"],
-        "turtlesim": ["Pose"],
-        "rcl_interfaces": ["Log", "ParameterEvent"],
-        "diagnostic_msgs": ["DiagnosticArray"],
-        "lifecycle_msgs": ["TransitionEvent"],
-        "rosgraph_msgs": ["Clock"],
-        "action_msgs": ["GoalStatusArray"],
-    }
-    for package, names in messages.items():
+    for package, names in MESSAGES.items():
         all_of = [types.message(f"{package}/msg/{name}") for name in names]
         add(
             f"{package}.msg",
             **{of.name.rpartition("/")[2]: message_class(of.name, of.type_hash) for of in all_of},
         )
-    services = {
-        "turtlesim": ["Spawn"],
-        "std_srvs": ["Empty"],
-        "action_msgs": ["CancelGoal"],
-        "lifecycle_msgs": [
-            "ChangeState", "GetAvailableStates", "GetAvailableTransitions", "GetState",
-        ],
-        "type_description_interfaces": ["GetTypeDescription"],
-        "rcl_interfaces": [
-            "DescribeParameters", "GetParameterTypes", "GetParameters", "ListParameters",
-            "SetParameters", "SetParametersAtomically",
-        ],
-    }  # fmt: skip
-    for package, names in services.items():
+    for package, names in SERVICES.items():
         every = [types.service(f"{package}/srv/{name}") for name in names]
         add(
             f"{package}.srv",

@@ -33,7 +33,7 @@ from llfsm.whiteboard.messages.std_msgs import Int64, String
 from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value, Version
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import NoVersionLog, Store
+from llfsm.whiteboard.mirror.store import Store, VersionLog
 
 __all__ = ["TARGETS"]
 
@@ -112,7 +112,7 @@ def mirror(choose: Random, folder: Path) -> None:
     now_ns = 10**18
     board = LocalBoard("board", now_ns=lambda: now_ns)
     settings = Settings(access={"hostile": ("hostile/*",), "robot": ("robot/*",)})
-    store = Store(board, 1, lambda stamp: stamp, NoVersionLog(),
+    store = Store(board, 1, lambda stamp: stamp, VersionLog(),
                   lambda: now_ns + settings.ahead_ns)  # fmt: skip
     exchange = Exchange(store, settings, lambda: now_ns, lambda: now_ns)
     mine, theirs = Slot("mine", Int64), Slot("robot/number", Int64)

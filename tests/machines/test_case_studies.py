@@ -102,7 +102,7 @@ class Played:
             if not observed:
                 self.prepare(turn.machine)
             seat = next(seat for seat in self.seats if seat.name == turn.machine)
-            self.arrangement.give_turns((seat,))
+            self.arrangement.kernel.give_turns((seat,))
             self.standings.append(Standing(self))
         assert not self.turns[self.done :]
 

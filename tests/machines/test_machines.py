@@ -176,7 +176,7 @@ def test_suspend_resume_stops_and_starts_the_other() -> None:
     run.until(2900)
     assert run.arrangement.is_suspended("RosBlindTurttleBot")
     run.until(3100)
-    assert run.arrangement.is_running("RosBlindTurttleBot")
+    assert run.arrangement.control.is_running("RosBlindTurttleBot")
     assert run.arrangement.state_name_of("TurtleSuspendResume") == "WATCH"
     run.until(8200)
     assert run.arrangement.is_suspended("RosBlindTurttleBot")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
 from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
 from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import Client, Closable, MessageInfo, Server, ServiceRequest
+from llfsm.bridges.ros2.transport import Client, Closable, Handler, MessageInfo, Server
 from llfsm.bridges.ros2.types import RosService
 
 from .inbox import Inbox
@@ -25,7 +25,7 @@ class MemoryClient(Client[Any, Any], Member):
     """Asks all servers of a service; the first answer counts."""
 
     def __init__(
-        self, owner: Closable, site: Site, node: str, end: Endpoint, of: RosService
+        self, owner: Closable, site: Site, node: str, end: Endpoint, of: RosService, _: Qos
     ) -> None:
         super().__init__(owner)
         self.name = end.name
@@ -61,9 +61,6 @@ class MemoryClient(Client[Any, Any], Member):
         self.site.world.leave(self)
         self._calls.close()
 
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
-
 
 class _Reply(NamedTuple):
     calls: PendingCalls
@@ -93,7 +90,8 @@ class MemoryServer(Server, Member):
         node: str,
         end: Endpoint,
         of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
+        _: Qos,
+        handler: Handler,
     ) -> None:
         super().__init__(owner)
         self.name = end.name

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 
 from llfsm.bridges.ros2.graph import Endpoint
 from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos
 from llfsm.bridges.ros2.transport import (
+    Arrived,
     Closable,
     MessageInfo,
     Publisher,
     SerializedBytes,
-    SerializedMessage,
     TopicSubscription,
 )
 from llfsm.bridges.ros2.types import RosMessage
@@ -43,14 +42,6 @@ class MemoryPublisher(Publisher[M], Member):
         )
         self.join(site, node, end)
 
-    def publish(self, message: M) -> None:
-        """Encode a message and hand it to every subscription that fits."""
-        self._send(self._encode(message))
-
-    def forward(self, arrival: SerializedMessage[M]) -> None:
-        """Hand what came to every subscription that fits."""
-        self._send(arrival.data)
-
     def _send(self, data: bytes) -> None:
         with self.site.world.changed:  # a subscription that comes now gets it once
             self._check_open()
@@ -77,8 +68,8 @@ class MemorySubscription(TopicSubscription, Member):
         node: str,
         end: Endpoint,
         of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
+        callback: Arrived[M],
     ) -> None:
         super().__init__(owner)
         self.name = end.name

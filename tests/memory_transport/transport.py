@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
-from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import (
+    Closable,
     Node,
     Notice,
     Notifier,
-    SerializedMessage,
-    ServiceRequest,
     Transport,
     log_notice,
 )
-from llfsm.bridges.ros2.types import RosMessage, RosService
-from llfsm.whiteboard.message import M
 
 from .services import MemoryClient, MemoryServer
 from .topics import MemoryPublisher, MemorySubscription
@@ -48,24 +45,16 @@ class MemoryTransport(Transport):
         """Whether the world is there."""
         return self._site.world.up
 
-    def node(
-        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
-    ) -> Node:
-        """Put a node on the graph."""
-        with self._lifetime:
-            self._check_open()
-            return _MemoryNode(self, self._site, Names(name, namespace, remap))
+    def _node(self, names: Names) -> Node:
+        return _MemoryNode(self, self._site, names)
 
     def graph(self) -> Graph:
         """Return the graph of the domain."""
         return self._site.world.graph(self.domain)
 
-    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready`` says yes to the graph."""
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
         done = self._site.world.wait(lambda: self._closed or ready(self.graph()), timeout)
-        if self._closed:
-            raise TransportClosedError(f"{self} is closed")
-        return done
+        return None if self._closed else done
 
     def _close(self) -> None:
         self._site.world.shut(self._site.notifier)
@@ -80,39 +69,18 @@ class _MemoryNode(Node, Member):
         super().__init__(owner, names)
         self.join(site, self.name)
 
-    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> MemoryPublisher[M]:
-        with self._lifetime:
-            end = self._end(Role.PUBLISHER, topic, of, qos)
-            return MemoryPublisher(self, self.site, self.name, end, of, qos)
-
-    def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
-    ) -> MemorySubscription:
-        with self._lifetime:
-            end = self._end(Role.SUBSCRIPTION, topic, of, qos)
-            return MemorySubscription(self, self.site, self.name, end, of, callback, qos)
-
-    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> MemoryClient:
-        with self._lifetime:
-            end = self._end(Role.CLIENT, service, of, qos)
-            return MemoryClient(self, self.site, self.name, end, of)
-
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> MemoryServer:
-        if of.name in self.site.world.missing_types:
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> Closable:
+        if end.role is Role.SERVER and of.name in self.site.world.missing_types:
             raise TransportUnavailableError(f"{of.name} is not built")
-        with self._lifetime:
-            end = self._end(Role.SERVER, service, of, qos)
-            return MemoryServer(self, self.site, self.name, end, of, handler)
+        return _KINDS[end.role](self, self.site, self.name, end, of, qos, *callback)
 
     def _close(self) -> None:
         self.site.world.leave(self)
+
+
+_KINDS: dict[Role, Callable[..., Closable]] = {
+    Role.PUBLISHER: MemoryPublisher,
+    Role.SUBSCRIPTION: MemorySubscription,
+    Role.CLIENT: MemoryClient,
+    Role.SERVER: MemoryServer,
+}

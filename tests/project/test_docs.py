@@ -264,6 +264,8 @@ def test_what_documents_import_is_public_and_has_a_page() -> None:
                 if not isinstance(node, ast.ImportFrom) or not str(node.module).startswith("llfsm"):
                     continue
                 module = importlib.import_module(str(node.module))
-                assert {name.name for name in node.names} <= set(module.__all__), document
+                public = getattr(module, "__all__", [*vars(module)])
+                assert {name.name for name in node.names} <= set(public), document
+                assert not any(name.name.startswith("_") for name in node.names), document
                 if not str(node.module).startswith(("llfsm.machines", "llfsm.whiteboard.messages")):
                     assert node.module in pages, document

@@ -23,7 +23,7 @@ from llfsm.whiteboard.messages.std_msgs import Int32
 from llfsm.whiteboard.mirror.batches import Batch, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import NoVersionLog, Store
+from llfsm.whiteboard.mirror.store import Store, VersionLog
 from own_boards import own_board
 
 pytestmark = pytest.mark.compiler
@@ -182,7 +182,7 @@ def test_a_mirror_leaves_them_out(board: Whiteboard) -> None:
     def wall_ns(stamp_ns: int) -> int:
         return stamp_ns
 
-    store = Store(board, 1, wall_ns, NoVersionLog(), lambda: 2**62)
+    store = Store(board, 1, wall_ns, VersionLog(), lambda: 2**62)
     exchange = Exchange(store, Settings(), lambda: 0, lambda: 0)
     names = [info.name for info in board.slots()]
     for _ in range(2):

@@ -10,17 +10,7 @@ import pytest
 from small_disks import small_disk
 
 RunPython = Callable[..., str]
-
-
-@pytest.fixture(name="small_disk")
-def _small_disk(tmp_path: Path) -> Iterator[Path]:
-    with small_disk(tmp_path, "128k"):
-        yield tmp_path
-
-
-def test_a_full_file_system(small_disk: Path, run_python: RunPython) -> None:
-    # In a process of its own: what this looks for is a death by SIGBUS.
-    script = """
+SCRIPT = """
 import os, sys
 from llfsm.whiteboard import BoardFullError, Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64, String
@@ -107,4 +97,14 @@ assert other.get_message(Slot(f"more{made}", Int64)) == Int64(5)
 assert other.add_message(Slot("s0", String, 2000), String("y")) == 3
 assert board.get_message(Slot("s0", String, 2000)) == String("y")
 """
-    run_python(script, small_disk)
+
+
+@pytest.fixture(name="small_disk")
+def _small_disk(tmp_path: Path) -> Iterator[Path]:
+    with small_disk(tmp_path, "128k"):
+        yield tmp_path
+
+
+def test_a_full_file_system(small_disk: Path, run_python: RunPython) -> None:
+    # In a process of its own: what this looks for is a death by SIGBUS.
+    run_python(SCRIPT, small_disk)

@@ -21,9 +21,9 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.board_files import default_name, remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.messages.llfsm import KEEPS_READ
 from llfsm.whiteboard.messages.std_msgs import Int64
 from llfsm.whiteboard.shared import BoardInfo, boards
+from llfsm.whiteboard.slot_names import KEEPS_READ
 
 RunPython = Callable[..., str]
 

@@ -10,74 +10,28 @@ are seconds before a message's stamp, so that they mean the same on a host with 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Literal, Self, TypeAlias
 
-from llfsm.whiteboard.message import Message
-from llfsm.whiteboard.slot_names import KEEPS_READ, legal_name
-from llfsm.whiteboard.slots import Slot
-
-__all__ = [
-    "BELL",
-    "COMMANDERS",
-    "DEFINITIONS",
-    "HOSTS",
-    "JOURNALS",
-    "KEEPS_READ",
-    "MACHINES",
-    "MIRROR",
-    "RECORDER",
-    "REQUESTS",
-    "SUMMARIES",
-    "VARIABLES",
-    "VIEWER",
-    "WHYS",
-    "WILLS",
-    "WILL_BELL",
-    "Action",
-    "Bell",
-    "Commander",
-    "Commanders",
-    "Debugging",
-    "DefinedBox",
-    "DefinedSection",
-    "DefinedState",
-    "DefinedTransition",
-    "Folders",
-    "HostSummary",
-    "Hosts",
-    "JournalPart",
-    "LastWill",
-    "MachineDefinition",
-    "MachineRequest",
-    "MachineStatus",
-    "MachineTrouble",
-    "MachineVariables",
-    "MachineWhy",
-    "MirrorStatus",
-    "OverriddenSensor",
-    "PeerStatus",
-    "QuotaStatus",
-    "Recorder",
-    "Refusal",
-    "SafeValue",
-    "SeenTransition",
-    "VariableValue",
-    "Viewer",
-    "commanders_slot",
-    "definition_slot",
-    "folders_slot",
-    "journal_slot",
-    "request_slot",
-    "status_slot",
-    "summary_slot",
-    "variables_slot",
-    "viewer_slot",
-    "why_slot",
-    "will_slot",
-]
+from llfsm.whiteboard.message import M, Message
+from llfsm.whiteboard.slot_names import legal_name
+from llfsm.whiteboard.slots import DEFAULT_CAPACITY, Slot
 
 _LARGE = 1 << 16  # bytes: the capacity of slots about many hosts
+
+
+def _slots(
+    folder: str, kind: type[M], capacity: int = DEFAULT_CAPACITY
+) -> Callable[[str], Slot[M]]:
+    """Make the function that gives the slot in `folder` for the machine, or slot, of a name."""
+
+    @lru_cache(maxsize=128)  # making a slot takes its time
+    def slot(name: str) -> Slot[M]:
+        return Slot(folder + legal_name(name), kind, capacity)
+
+    return slot
+
 
 # ---- Machines -------------------------------------------------------------------------------
 
@@ -240,29 +194,14 @@ class MachineVariables(Message):
     sensors: tuple[VariableValue, ...] = ()
 
 
-@lru_cache(maxsize=128)  # making a slot takes its time
-def status_slot(machine: str) -> Slot[MachineStatus]:
-    """Return the slot for a machine's status."""
-    return Slot(MACHINES + legal_name(machine), MachineStatus)
-
-
-@lru_cache(maxsize=128)
-def request_slot(machine: str) -> Slot[MachineRequest]:
-    """Return the slot for requests to a machine."""
-    return Slot(REQUESTS + legal_name(machine), MachineRequest)
-
-
-@lru_cache(maxsize=128)
-def definition_slot(machine: str) -> Slot[MachineDefinition]:
-    """Return the slot for a machine's definition."""
-    return Slot(DEFINITIONS + legal_name(machine), MachineDefinition, 32 << 10)
-
-
-@lru_cache(maxsize=128)
-def variables_slot(machine: str) -> Slot[MachineVariables]:
-    """Return the slot for a machine's variables."""
-    return Slot(VARIABLES + legal_name(machine), MachineVariables, 16 << 10)
-
+status_slot = _slots(MACHINES, MachineStatus)
+"""The slot for a machine's status."""
+request_slot = _slots(REQUESTS, MachineRequest)
+"""The slot for requests to a machine."""
+definition_slot = _slots(DEFINITIONS, MachineDefinition, 32 << 10)
+"""The slot for a machine's definition."""
+variables_slot = _slots(VARIABLES, MachineVariables, 16 << 10)
+"""The slot for a machine's variables."""
 
 # ---- Debugging ------------------------------------------------------------------------------
 
@@ -320,11 +259,8 @@ def viewer_slot(host: str = "") -> Slot[Viewer]:
     return Slot(f"{VIEWER.name}/{host}/", Viewer) if host else VIEWER
 
 
-@lru_cache(maxsize=128)
-def why_slot(machine: str) -> Slot[MachineWhy]:
-    """Return the slot for why a machine is in its state."""
-    return Slot(WHYS + legal_name(machine), MachineWhy, 16 << 10)
-
+why_slot = _slots(WHYS, MachineWhy, 16 << 10)
+"""The slot for why a machine is in its state."""
 
 # ---- Commanders and last wills --------------------------------------------------------------
 
@@ -386,17 +322,10 @@ WILL_BELL = Slot("llfsm/wills", Bell)
 """Notifies guards that a machine has left a last will."""
 
 
-@lru_cache(maxsize=128)
-def commanders_slot(slot: str) -> Slot[Commanders]:
-    """Return the slot for the machines that post to a slot."""
-    return Slot(COMMANDERS + legal_name(slot), Commanders, 4 << 10)
-
-
-@lru_cache(maxsize=128)
-def will_slot(machine: str) -> Slot[LastWill]:
-    """Return the slot for a machine's last will."""
-    return Slot(WILLS + legal_name(machine), LastWill, 8 << 10)
-
+commanders_slot = _slots(COMMANDERS, Commanders, 4 << 10)
+"""The slot for the machines that post to a slot."""
+will_slot = _slots(WILLS, LastWill, 8 << 10)
+"""The slot for a machine's last will."""
 
 # ---- Recording ------------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ from llfsm.whiteboard.mirror.batches import (
 from llfsm.whiteboard.mirror.groups import EVERY_GROUP, group_of
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.peers import Peers, Source
-from llfsm.whiteboard.mirror.quotas import Quotas, Refusals, Refused
+from llfsm.whiteboard.mirror.quotas import Quotas, RateLimit, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
 from llfsm.whiteboard.slot_names import OWN
@@ -54,30 +54,6 @@ _NOTHING = matcher(())
 _DAY_NS = 86_400 * 10**9
 
 
-class RateLimit:
-    """Limits a slot's messages to one each period, up to 5 ms early if the previous one was not.
-
-    This is the generic cell rate algorithm of ITU-T I.371: messages that come at the permitted
-    rate, but with jitter, do not wait each time.
-
-    Args:
-        period_ns: nanoseconds from one message to the next.
-
-    """
-
-    __slots__ = ("_least_ns", "_period_ns", "due_ns")
-
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._least_ns = max(0, period_ns - _EARLY_NS)
-        self.due_ns = 0
-        """The time from which the next message may pass."""
-
-    def record(self, now_ns: int) -> None:
-        """Record that a message passes now."""
-        self.due_ns = max(self.due_ns + self._period_ns, now_ns + self._least_ns)
-
-
 class Route:
     """The way of a slot's messages between the board and other hosts: directions and rates."""
 
@@ -90,8 +66,9 @@ class Route:
         self.group = group_of(wire)
         self.leaves = leaves
         self.enters = enters
-        self.departures = RateLimit(period_ns)
-        self.arrivals = RateLimit(period_ns // _BURST)
+        self.departures = RateLimit(period_ns, min(_EARLY_NS, period_ns))
+        often_ns = period_ns // _BURST
+        self.arrivals = RateLimit(often_ns, min(_EARLY_NS, often_ns))
         self.sent: Version | None = None
         """Of the message that has left last."""
 
@@ -100,10 +77,11 @@ class Routes:
     """The routes of the slots that are on a board."""
 
     def __init__(self, store: Store, settings: Settings, refusals: Refusals) -> None:
-        self._store = store
+        self.store = store
+        self.settings = settings
+        self.refusals = refusals
         self.naming = Naming(settings.as_, settings.fleet)
         """Converts the names of slots here into those elsewhere, and back."""
-        self._refusals = refusals
         self._period_ns = settings.period_ns()
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
@@ -119,7 +97,7 @@ class Routes:
         So messages to its own slots arrive without a reader, also in slots that have none yet.
         """
         if self.naming.host:
-            names = (info.name for info in self._store.board.slots())
+            names = (info.name for info in self.store.board.slots())
             read = {*read, *filter(self.naming.is_own, names)}
         wires = map(self.naming.wire, filter(self.enters, read))
         return {group_of(wire) for wire in wires if wire is not None}
@@ -136,9 +114,9 @@ class Routes:
             wire = self.naming.wire(name)
             if wire is None:
                 if leaves or enters:
-                    self._refusals.add(f"no name for others: {name}", self.naming.why_none(name))
+                    self.refusals.add(f"no name for others: {name}", self.naming.why_none(name))
                 wire, leaves, enters = name, False, False
-            cell, period = self._store.cell(name), self._period_ns(name)
+            cell, period = self.store.cell(name), self._period_ns(name)
             route = self._routes[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
         return route
@@ -148,7 +126,7 @@ class Routes:
         try:
             return self._routes.get(name) or self.get(name)
         except Refused as refused:
-            self._refusals.add(f"unusable: {name}", str(refused))
+            self.refusals.add(f"unusable: {name}", str(refused))
             return None
 
     def offered_by(self, name: str) -> Route | None:
@@ -169,7 +147,7 @@ class Routes:
         """Return the usable routes of a group, with the slots' names: those asked for before."""
         if group != EVERY_GROUP:
             return list(self._groups.get(group, ()))
-        routes = ((of.name, self.usable(of.name)) for of in self._store.board.slots())
+        routes = ((of.name, self.usable(of.name)) for of in self.store.board.slots())
         return [(name, route) for name, route in routes if route is not None]
 
 
@@ -184,42 +162,29 @@ class _Held(NamedTuple):
 class Arrivals:
     """Adds other hosts' messages to the board, for one thread at a time.
 
-    Args:
-        store: the board, with versions.
-        settings: which slots enter, and how large they may be.
-        routes: the slots that are on the board.
-        peers: the other hosts.
-        quotas: what each host may take.
-        refusals: counts what does not enter.
-        now_ns: a monotonic clock.
-        wall_ns: the host's clock: the time since 1970.
-
+    Of the clocks, `now_ns` is monotonic and `wall_ns` the host's: the time since 1970.
     """
 
     def __init__(
         self,
-        store: Store,
-        settings: Settings,
         routes: Routes,
         peers: Peers,
         quotas: Quotas,
-        refusals: Refusals,
         now_ns: Callable[[], int],
         wall_ns: Callable[[], int],
     ) -> None:
-        self._store = store
-        self._settings = settings
+        self._store, self._refusals = routes.store, routes.refusals
+        self._settings = settings = routes.settings
         self._ahead_ns = settings.ahead_ns
         self._is_renaming = bool(routes.naming.host)
         self._routes = routes
         self._peers = peers
         self._quotas = quotas
-        self._refusals = refusals
         self._now_ns = now_ns
         self._wall_ns = wall_ns
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
-        self._busy_ns = 0  # the time until which an arriving message may be held back
+        self._busy_ns: float = 0  # the time until which an arriving message may be held back
         self.unknown: set[str] = set()
         """Slots whose type at a sender has to be queried."""
         self._names: set[str] = set()  # of the board's slots, as read
@@ -399,7 +364,7 @@ class Arrivals:
                 except (Refused, WhiteboardError) as error:
                     self._refuse(held.source, slot, error)
 
-    def due_ns(self) -> list[int]:
+    def due_ns(self) -> list[float]:
         """Return the times at which held messages may enter, or arriving ones at once again."""
         due = [held.route.arrivals.due_ns for held in self._held.values()]
         if self._now_ns() < self._busy_ns:

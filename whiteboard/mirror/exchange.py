@@ -63,14 +63,9 @@ _ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcemen
 class Exchange:
     """Decides what a board sends, and takes what it receives. Threads may share it.
 
-    Args:
-        store: the board, with versions.
-        settings: which slots leave and enter, and how often.
-        now_ns: a monotonic clock.
-        wall_ns: the host's clock: the time since 1970.
-        is_read: whether any other host reads a group. It is called without the exchange's lock:
-            Zenoh has locks of its own, and waits for this one while it holds one of them.
-
+    Of the clocks, `now_ns` is monotonic and `wall_ns` the host's: the time since 1970. `is_read`
+    finds out if another host reads a group. It is called without the exchange's lock: Zenoh has
+    locks of its own, and waits for this one while it holds one of them.
     """
 
     def __init__(
@@ -97,16 +92,7 @@ class Exchange:
         self._refusals = Refusals()
         self._routes = Routes(store, settings, self._refusals)
         self._quotas = Quotas(settings.quota)
-        self._arrivals = Arrivals(
-            store,
-            settings,
-            self._routes,
-            self._peers,
-            self._quotas,
-            self._refusals,
-            now_ns,
-            wall_ns,
-        )
+        self._arrivals = Arrivals(self._routes, self._peers, self._quotas, now_ns, wall_ns)
 
     # ---- Sending ----------------------------------------------------------------------------
 
@@ -372,7 +358,7 @@ class Exchange:
 
     # ---- Status -----------------------------------------------------------------------------
 
-    def due_ns(self) -> int | None:
+    def due_ns(self) -> float | None:
         """Return the time at which a waiting message may leave or enter; None if none waits."""
         with self._lock:
             due = [route.departures.due_ns for route in self._changed.values()]

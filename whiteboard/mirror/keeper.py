@@ -56,17 +56,12 @@ _CONTENT = msgspec.msgpack.Decoder(_Content)
 
 
 class Keeper:
-    """Keeps messages of one board in a file. For one thread; another one of its own writes.
-
-    Args:
-        settings: the file, and which slots it keeps.
-        board: the board's name.
+    """Keeps messages of the board named, for one thread; another one of its own writes the file.
 
     Raise :class:`.BoardCorruptError` for a damaged file, :class:`.BoardMirroredError` if another
     daemon keeps messages in it, :class:`.BoardPermissionError` if it belongs to another user, or is
     another kind of file, and another :class:`.BoardError` if it cannot be read or written, or
     belongs to another board.
-
     """
 
     def __init__(self, settings: KeepSettings, board: str) -> None:
@@ -134,7 +129,8 @@ class Keeper:
 
     def follow(self, changed: Iterable[str], store: Store, now_s: float, refuse: Refuse) -> None:
         """Keep the slots that have changed, now or soon: it writes once a second at most."""
-        self._changed.update(filter(self._keeps, changed))
+        # llfsm's own slots end with their processes.
+        self._changed.update(s for s in changed if self._matches(s) and not is_own(s))
         if now_s >= self._due_s and (self._writing is None or self._writing.done()):
             self._report(refuse)
             self._take(store)
@@ -154,9 +150,6 @@ class Keeper:
         """Wait for the end of the write that has begun, if one has."""
         if self._writing is not None:
             wait([self._writing])
-
-    def _keeps(self, slot: str) -> bool:
-        return self._matches(slot) and not is_own(slot)  # those end with their processes
 
     def _take(self, store: Store) -> None:
         """Take the latest messages of the slots that have changed, with their versions."""

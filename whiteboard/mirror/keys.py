@@ -40,14 +40,7 @@ def usable_name(name: str | None) -> str:
 
 
 class Keys:
-    """The keys of one host.
-
-    Args:
-        board: the board's name.
-        host: the id of this host.
-        name: the one in its certificate, or ``-``.
-
-    """
+    """The keys of one host, by its id and the name in its certificate, or ``-``."""
 
     def __init__(self, board: str, host: int, name: str) -> None:
         self._root = f"llfsm/{VERSION}/{board}"

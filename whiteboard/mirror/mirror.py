@@ -36,16 +36,9 @@ _FOREIGN_S = 1.0  # between two hellos while hosts are there with which nothing 
 
 
 class Mirror:
-    """Mirrors one board until it is closed.
+    """Mirrors one board, of any kind, until it is closed; hosts find each other by its name.
 
-    Args:
-        board: of any kind; its name is the one by which its hosts find each other.
-        settings: see :class:`.Settings`.
-        versions: the known versions of the board's messages.
-        host: the id of this host; random by default.
-        keeper: the file in which messages outlive all hosts; None if there is none.
-        mode: see :class:`.Network`.
-
+    The id `host` of this one is random by default. For `mode`, see :class:`.Network`.
     """
 
     def __init__(
@@ -240,14 +233,11 @@ class Mirror:
         """Handle a group's first reader; Zenoh may hold locks here, so this takes none."""
         self._begun[group] = None
 
-    def receive_batch(self, data: bytes, name: str, group: str) -> None:
-        """Handle a batch."""
-        self._exchange.receive_batch(data, name, group)
-        self._send_queries()
-
-    def receive_heartbeat(self, data: bytes, name: str, group: str) -> None:
-        """Handle a heartbeat."""
-        self._exchange.receive_heartbeat(data, name, group)
+    def receive(self, data: bytes, name: str, group: str, *, is_beat: bool) -> None:
+        """Handle a batch or a heartbeat."""
+        exchange = self._exchange
+        handle = exchange.receive_heartbeat if is_beat else exchange.receive_batch
+        handle(data, name, group)
         self._send_queries()
 
     def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:

@@ -47,14 +47,9 @@ def require_host_name(name: str) -> None:
 
 
 class Naming:
-    """Converts names of slots between this host's board and those that travel.
-
-    Args:
-        host: its name; empty if it has none.
-        fleet: globs of the other hosts' names.
+    """Converts names of slots between the board of `host`, which may have no name, and the others.
 
     Raise :class:`.NetworkError` for a fleet without a name, which would have no effect.
-
     """
 
     def __init__(self, host: str = "", fleet: tuple[str, ...] = ()) -> None:

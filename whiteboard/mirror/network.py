@@ -70,11 +70,8 @@ class Receiver(Protocol):
 
     # The name of the other host is the one in its certificate; empty if that is not proven.
 
-    def receive_batch(self, data: bytes, name: str, group: str) -> None:
-        """Handle a batch."""
-
-    def receive_heartbeat(self, data: bytes, name: str, group: str) -> None:
-        """Handle a heartbeat."""
+    def receive(self, data: bytes, name: str, group: str, *, is_beat: bool) -> None:
+        """Handle a batch or a heartbeat."""
 
     def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:
         """Handle a query; return the reply, in parts."""
@@ -92,16 +89,9 @@ class Receiver(Protocol):
 class Network:
     """The hosts of one board, as a Zenoh session reaches them.
 
-    Args:
-        board: the board's name, by which hosts find each other.
-        host: the id of this host.
-        settings: endpoints and further configuration of Zenoh.
-        mode: ``peer``, or ``client`` for a process that connects to one host and relies on it.
-        connect_s: how long such a process tries to connect; a peer goes on for ever.
-        reply_s: how long to wait for the parts of a host's reply.
-
-    Raise :class:`.NetworkError` if Zenoh is not installed or cannot open the session.
-
+    Its `mode` is ``peer``, or ``client`` for a process that connects to one host and relies on it:
+    this tries to for `connect_s` seconds, a peer for ever. The parts of a host's reply are awaited
+    for `reply_s`. Raise :class:`.NetworkError` if Zenoh is not installed or opens no session.
     """
 
     def __init__(
@@ -231,9 +221,8 @@ class Network:
 
     def _receive(self, key: str, data: bytes) -> None:
         name, group, is_beat = sender_in(key)
-        handle = self._receiver.receive_heartbeat if is_beat else self._receiver.receive_batch
         try:  # noqa: SIM105  a message waits for this, and `suppress` runs two more functions
-            handle(data, name if self._access else "", group)
+            self._receiver.receive(data, name if self._access else "", group, is_beat=is_beat)
         except BoardClosedError:  # between the end of the board and that of the network
             pass
 
@@ -401,12 +390,8 @@ def _with_port(endpoint: str, listeners: list[tuple[str, int]]) -> str:
 class HostTokens:
     """The tokens of the hosts of a board; others' are received while somebody looks for them.
 
-    Args:
-        liveliness: that of a Zenoh session.
-        keys: of this host.
-        settings: of the daemon. As many tokens are kept as a host may make slots, because programs
-            that show the hosts have slots for each: of each certificate if known, else of all.
-
+    As many are kept as a host may make slots, because programs that show the hosts have slots for
+    each: of each certificate if known, else of all.
     """
 
     def __init__(self, liveliness: Any, keys: Keys, settings: Settings) -> None:

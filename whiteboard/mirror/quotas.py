@@ -28,17 +28,24 @@ _MAX_LENGTH = 400  # characters of a log message
 _log = logging.getLogger("llfsm.mirror")
 
 
-class _Bucket:
-    """Limits something to `per_s` a second: nothing passes while earlier costs are unpaid."""
+class RateLimit:
+    """Lets one of something pass each `period_ns`; after a rest, up to `early_ns` too early.
 
-    def __init__(self, per_s: float) -> None:
-        self._cost_ns = 1e9 / per_s
-        self.paid_ns = 0.0
-        """The time at which all is paid off: something may pass from then on."""
+    This is the generic cell rate algorithm of ITU-T I.371, a leaky bucket: what comes at the
+    permitted rate, but with jitter, does not wait each time.
+    """
 
-    def charge(self, amount: int, now_ns: int) -> None:
-        """Add to what has to be paid off."""
-        self.paid_ns = max(self.paid_ns, now_ns - _BURST_NS) + amount * self._cost_ns
+    __slots__ = ("_early_ns", "_period_ns", "due_ns")
+
+    def __init__(self, period_ns: float, early_ns: int) -> None:
+        self._period_ns = period_ns
+        self._early_ns = early_ns
+        self.due_ns: float = 0
+        """The time from which the next one may pass."""
+
+    def record(self, now_ns: int, number: int = 1) -> None:
+        """Record that so many pass now."""
+        self.due_ns = max(self.due_ns, now_ns - self._early_ns) + number * self._period_ns
 
 
 class Account:
@@ -46,8 +53,8 @@ class Account:
 
     def __init__(self, settings: QuotaSettings) -> None:
         self._settings = settings
-        self._traffic = _Bucket(settings.traffic)
-        self._messages = _Bucket(settings.messages)
+        self._traffic = RateLimit(1e9 / settings.traffic, _BURST_NS)
+        self._messages = RateLimit(1e9 / settings.messages, _BURST_NS)
         self._failed: dict[tuple[str, int], str] = {}
         self.slots = 0
         self.bytes = 0
@@ -55,23 +62,23 @@ class Account:
 
     def admits(self, size: int, now_ns: int) -> bool:
         """Take `size` bytes of traffic; return False, counted, if the host is over a rate."""
-        if self._traffic.paid_ns > now_ns or self._messages.paid_ns > now_ns:
+        if self._traffic.due_ns > now_ns or self._messages.due_ns > now_ns:
             self.over_rate += 1
             return False
-        self._traffic.charge(size, now_ns)
+        self._traffic.record(now_ns, size)
         return True
 
     def is_over(self, now_ns: int) -> bool:
         """Check for a debt of over a second, for which the rest of a batch is dropped; count it."""
-        over = self._messages.paid_ns > now_ns + _BURST_NS
+        over = self._messages.due_ns > now_ns + _BURST_NS
         self.over_rate += over
         return over
 
     def charge(self, now_ns: int, *, messages: int, size: int = 0) -> None:
         """Take the time for messages, looked at or sent, and the traffic for what is sent."""
-        self._messages.charge(messages, now_ns)
+        self._messages.record(now_ns, messages)
         if size:
-            self._traffic.charge(size, now_ns)
+            self._traffic.record(now_ns, size)
 
     def failure(self, name: str, kind: int) -> str | None:
         """Return the reason why a slot of this type could not be used before, or None."""

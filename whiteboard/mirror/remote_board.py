@@ -10,7 +10,7 @@ from llfsm.whiteboard.errors import BoardClosedError, NetworkError
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.mirror.mirror import Mirror
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import NoVersionLog
+from llfsm.whiteboard.mirror.store import VersionLog
 
 _TIMEOUT_S = 5.0
 
@@ -21,15 +21,7 @@ class RemoteBoard(LocalBoard):
     Reading costs as much as on a local board. A message added here is on the other hosts' boards
     soon after, mostly within 10 ms and a network's delay; counts and stamps are this process's.
 
-    Args:
-        endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
-        name: the board's name.
-        zenoh: a Zenoh configuration file, for TLS.
-        as_: this process's name among the hosts; see `as` of the daemon.
-        fleet: globs of the other hosts' names, for a process with a name.
-
-    Raise :class:`.NetworkError` if no daemon answers within 5 s, or `as_` is no name of a host.
-
+    The arguments are those of :meth:`.Whiteboard.connect`, which makes it.
     """
 
     def __init__(
@@ -47,7 +39,7 @@ class RemoteBoard(LocalBoard):
             )
         except ValueError as error:
             raise NetworkError(str(error)) from error
-        self._mirror = Mirror(self, settings, NoVersionLog(), mode="client")
+        self._mirror = Mirror(self, settings, VersionLog(), mode="client")
         self._thread = threading.Thread(target=self._run, name=f"mirror {name}", daemon=True)
         self._thread.start()
         atexit.register(self.close)  # Zenoh's threads must not outlive the interpreter

@@ -29,7 +29,7 @@ import threading
 from collections.abc import Callable
 from enum import Enum, auto
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from zlib import crc32
 
 import msgspec
@@ -81,14 +81,8 @@ class Cell:
 class Store:
     """A board whose messages have versions. Hold `lock` to use it; anyone may add to the board.
 
-    Args:
-        board: of any kind.
-        host: the id of this host.
-        wall_ns: converts the stamp of a message into nanoseconds since 1970.
-        versions: the known versions of the board's messages.
-        horizon_ns: returns the latest time that a version may have now; a message whose version
-            has a later one gets a new version.
-
+    `wall_ns` converts the stamp of a message into nanoseconds since 1970. `horizon_ns` gives the
+    latest time that a version may have now: a message with a later one gets a new version.
     """
 
     def __init__(
@@ -244,24 +238,14 @@ class Store:
 # ---- Version logs ---------------------------------------------------------------------------
 
 
-class VersionLog(Protocol):
-    """Keeps the versions of a board's messages for its next daemon."""
+class VersionLog:
+    """The versions of a board's messages for its next daemon; this stores none, as none follows."""
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
         """Store the version of message number `count`, which process `writer` has added."""
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
         """Return the version of that message, and the newest known one before it."""
-
-
-class NoVersionLog:
-    """Stores nothing, for a board that ends with its process."""
-
-    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Do nothing."""
-
-    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return no versions."""
         return None, None
 
 
@@ -278,7 +262,7 @@ _MAGIC = b"LLMIRROR"
 _HOSTS = 1 << 63  # ids of hosts
 
 
-class FileVersionLog:
+class FileVersionLog(VersionLog):
     """The versions of a board in shared memory, locked by one daemon at a time.
 
     A damaged file is begun anew. Raise :class:`.BoardMirroredError` if another daemon holds the

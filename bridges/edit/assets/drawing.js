@@ -1,6 +1,6 @@
 // The drawing of the machine: updated where it has changed, with marks for what is selected or wrong.
 
-import { Diagram, box, lines, path, point, rect, start } from "./diagram.js";
+import { Diagram, box, path, point, start, transition } from "./diagram.js";
 import { makeSvg } from "./dom.js";
 
 const GAP = 20; // between new boxes and others
@@ -50,19 +50,13 @@ export class Drawing extends Diagram {
       this.arrows.delete(key);
     }
     for (const [key, edge] of Object.entries(data.edges)) {
-      if (!this.arrows.has(key)) this.arrows.set(key, this.arrow(key, edge));
+      if (!this.arrows.has(key)) this.arrows.set(key, this.arrow(edge));
     }
     this.layers.start.replaceChildren(...start(data.start));
   }
 
-  arrow(key, edge) {
-    const mark = { "data-transition": key };
-    const arrow = makeSvg("g", { ...mark, class: "transition" },
-      makeSvg("path", { class: "wide", d: path(edge.curve) }),
-      makeSvg("path", { d: path(edge.curve) }),
-      makeSvg("polygon", { points: edge.head.map(point).join(" ") }));
-    const label = makeSvg("g", { ...mark, class: "transition label" },
-      rect(edge.label.frame, { rx: 4 }), ...lines(edge.label.lines));
+  arrow(edge) {
+    const [arrow, label] = transition(edge, makeSvg("path", { class: "wide", d: path(edge.curve) }));
     this.layers.arrows.append(arrow);
     this.layers.labels.append(label);
     return [arrow, label];

@@ -8,7 +8,7 @@ import { Inspector } from "./inspector.js";
 import { Link } from "./link.js";
 import { Live } from "./live.js";
 import { Machine } from "./machine.js";
-import { takeToken, useTheme } from "./page.js";
+import { showTrouble, takeToken, useTheme } from "./page.js";
 import { listen as listenToKeys } from "./shortcuts.js";
 import { Simulation } from "./simulate.js";
 import { showTabs } from "./tabs.js";
@@ -112,11 +112,6 @@ function goTo(place, line) {
   else editor.select(state);
   editor.reveal();
   inspector.focus(place, line);
-}
-
-function showTrouble(text) {
-  setText($("trouble"), text ? text[0].toUpperCase() + text.slice(1) : "");
-  $("trouble").hidden = !text;
 }
 
 function showLink(state, problem = "", about = null) {

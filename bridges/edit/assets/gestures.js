@@ -53,31 +53,9 @@ export function listen(drawing, editor) {
     }
     if (!editor.canDraw) return;
     const to = drawing.at(event);
-    await finish(done, to, event);
+    await finish(drawing, editor, done, to, event);
     for (const state of drawing.states.keys()) drawing.states.get(state).removeAttribute("transform");
   };
-
-  async function finish({ handle, state, from }, to, event) {
-    const target = drawing.stateAt(to);
-    const [only] = editor.selected;
-    if (handle === "new") {
-      if (target) await editor.connect(state ?? only, target);
-    } else if (handle === "target") {
-      if (target) await editor.retarget(target);
-    } else if (handle === "size") {
-      const [x, y] = drawing.centreOf(only);
-      await editor.resize(only, 2 * snapped(Math.abs(to[0] - x), event), 2 * snapped(Math.abs(to[1] - y), event));
-    } else if (handle) {
-      await editor.bend(Number(handle.split(":")[1]), to.map((value) => Math.round(value)));
-    } else if (state) {
-      const places = {};
-      for (const each of editor.selected) {
-        const [x, y] = drawing.centreOf(each);
-        places[each] = [snapped(x + to[0] - from[0], event), snapped(y + to[1] - from[1], event)];
-      }
-      await editor.place(places);
-    }
-  }
 
   element.addEventListener("pointerup", release);
   element.addEventListener("pointercancel", () => {
@@ -90,4 +68,27 @@ export function listen(drawing, editor) {
     if (hit.closest("[data-state], [data-transition]")) editor.focusText();
     else editor.addState(drawing.at(event).map((value) => snapped(value, event)));
   }, { capture: true });
+}
+
+// Do what was meant by what the pointer had hold of, now that it is let go.
+async function finish(drawing, editor, { handle, state, from }, to, event) {
+  const target = drawing.stateAt(to);
+  const [only] = editor.selected;
+  if (handle === "new") {
+    if (target) await editor.connect(state ?? only, target);
+  } else if (handle === "target") {
+    if (target) await editor.retarget(target);
+  } else if (handle === "size") {
+    const [x, y] = drawing.centreOf(only);
+    await editor.resize(only, 2 * snapped(Math.abs(to[0] - x), event), 2 * snapped(Math.abs(to[1] - y), event));
+  } else if (handle) {
+    await editor.bend(Number(handle.split(":")[1]), to.map((value) => Math.round(value)));
+  } else if (state) {
+    const places = {};
+    for (const each of editor.selected) {
+      const [x, y] = drawing.centreOf(each);
+      places[each] = [snapped(x + to[0] - from[0], event), snapped(y + to[1] - from[1], event)];
+    }
+    await editor.place(places);
+  }
 }

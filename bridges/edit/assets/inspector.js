@@ -1,7 +1,7 @@
 // The texts of what is selected: a state's sections and transitions, or the machine's declarations.
 
 import { Code } from "./code.js";
-import { $, make, setText } from "./dom.js";
+import { $, actions, button, make, setText } from "./dom.js";
 
 const SHOWN = ["OnEntry", "OnExit", "Internal"]; // sections that are shown also if they are empty
 const SECTIONS = [...SHOWN, "OnSuspend", "OnResume"];
@@ -78,7 +78,7 @@ export class Inspector {
 
   tools(...buttons) {
     $("tools").replaceChildren(...buttons.map(([text, act, isOn = null]) =>
-      make("button", { class: "quiet", type: "button", onclick: act, "aria-pressed": isOn === null ? null : String(isOn) }, text)));
+      button(text, act, { class: "quiet", "aria-pressed": isOn === null ? null : String(isOn) })));
   }
 
   several() {
@@ -130,8 +130,7 @@ export class Inspector {
       make("ol", { class: "transitions" }, ...this.machine.transitions(state).map((edge) => this.row(edge))),
       ...(data.editable ? [this.adder(state)] : []),
       ...parts.flatMap((part) => this.part(state, part)),
-      make("p", { class: "actions more" }, ...others.map((part) =>
-        make("button", { class: "quiet", type: "button", onclick: () => this.open(part) }, `+ ${part}`))),
+      make("p", { class: "actions more" }, ...others.map((part) => button(`+ ${part}`, () => this.open(part), { class: "quiet" }))),
     ];
   }
 
@@ -158,7 +157,7 @@ export class Inspector {
     const { editor } = this;
     const key = `${source}:${number}`;
     const can = this.machine.data.editable;
-    const button = (text, title, act) => make("button", { class: "quiet", type: "button", title, "aria-label": title, onclick: act }, text);
+    const quiet = (text, title, act) => button(text, act, { class: "quiet", title, "aria-label": title });
     const row = make("li", { "data-row": key },
       make("div", { class: "row" },
         this.code(`${source}|${number}`, { hint: "true", isLine: true, done: () => this.done() }),
@@ -168,9 +167,9 @@ export class Inspector {
           editor.retarget(to);
         }),
         ...(can ? [
-          button("↑", "Evaluate earlier (Alt+↑)", () => editor.reorder(source, number, number - 1)),
-          button("↓", "Evaluate later (Alt+↓)", () => editor.reorder(source, number, number + 1)),
-          button("✕", "Delete the transition", () => {
+          quiet("↑", "Evaluate earlier (Alt+↑)", () => editor.reorder(source, number, number - 1)),
+          quiet("↓", "Evaluate later (Alt+↓)", () => editor.reorder(source, number, number + 1)),
+          quiet("✕", "Delete the transition", () => {
             editor.selectTransition(key);
             editor.remove();
           }),
@@ -232,7 +231,7 @@ export class Inspector {
   adder(state) {
     const select = this.targets(null, (target) => this.editor.connect(state, target), "new transition to …");
     select.id = "connect";
-    return make("p", { class: "actions" }, select);
+    return actions(select);
   }
 
   // Puts the cursor into the expression that is selected, or the first section.

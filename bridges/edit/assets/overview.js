@@ -2,7 +2,7 @@
 
 import { Diagram } from "./diagram.js";
 import { $, make, setText } from "./dom.js";
-import { takeToken, useTheme, withToken } from "./page.js";
+import { showTrouble, takeToken, useTheme, withToken } from "./page.js";
 import { showTabs } from "./tabs.js";
 
 const STILL = 4; // pixels that the pointer moves in a click
@@ -15,11 +15,6 @@ async function get(path) {
   const answer = await (await fetch(withToken(path, token))).json();
   if (answer.problem) throw new Error(answer.problem);
   return answer;
-}
-
-function showTrouble(text) {
-  setText($("trouble"), text);
-  $("trouble").hidden = !text;
 }
 
 function addressOf(name) {

@@ -1,6 +1,6 @@
 // The simulation: the machine's code is run by a clock of its own, and fed by the fields shown here.
 
-import { $, copy, make, setText, toast } from "./dom.js";
+import { $, actions, button, copy, make, setText, toast } from "./dom.js";
 import { fieldOf } from "./form.js";
 import { plain } from "./schema.js";
 
@@ -39,7 +39,7 @@ function isShown(read, value, isTyping) {
   }
 }
 
-const button = (text, act, title = null) => make("button", { class: "quiet", type: "button", onclick: act, title }, text);
+const quiet = (text, act, title = null) => button(text, act, { class: "quiet", title });
 
 export class Simulation {
   constructor(machine, ask) {
@@ -50,10 +50,10 @@ export class Simulation {
     this.speed = make("select", { "aria-label": "Speed" },
       ...SPEEDS.map((speed) => make("option", { value: speed, selected: speed === 1 }, `${speed} ×`)));
     this.speed.addEventListener("change", () => this.data.speed && this.run(Number(this.speed.value)));
-    this.play = button("Run", () => this.run(this.data.speed ? 0 : Number(this.speed.value)), "Run or pause (Space)");
+    this.play = quiet("Run", () => this.run(this.data.speed ? 0 : Number(this.speed.value)), "Run or pause (Space)");
     this.steps = [
-      button("Step", () => this.request({ type: "step", until: "round" }), "One round, which is a turn of the machine (.)"),
-      button("Next state", () => this.request({ type: "step", until: "state" }), "Until it is in another state, for at most a minute"),
+      quiet("Step", () => this.request({ type: "step", until: "round" }), "One round, which is a turn of the machine (.)"),
+      quiet("Next state", () => this.request({ type: "step", until: "state" }), "Until it is in another state, for at most a minute"),
       this.play,
     ];
     this.where = make("output", { id: "simulated" });
@@ -62,12 +62,12 @@ export class Simulation {
     this.fields = new Map(); // slot -> its field: an element, and what reads it
     this.values = make("dl", { class: "values" });
     $("simulation").append(
-      make("p", { class: "actions" },
+      actions(
         ...this.steps,
         this.speed,
-        button("Reset", () => this.start(), "Run the machine from its beginning, as it is written now (r)"),
-        button("Save as a test", () => this.save()),
-        button("End", () => this.request({ type: "end" })),
+        quiet("Reset", () => this.start(), "Run the machine from its beginning, as it is written now (r)"),
+        quiet("Save as a test", () => this.save()),
+        quiet("End", () => this.request({ type: "end" })),
         this.where),
       this.problem,
       make("div", { class: "simulated" }, this.sensors, this.values),

@@ -24,6 +24,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Self
 
 from llfsm.bridges.recording.errors import RecordingError
@@ -53,18 +54,18 @@ if TYPE_CHECKING:
 _SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER, of <linux/prctl.h>
 
 
+@dataclass(eq=False)
 class Client(ABC):
-    """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are."""
+    """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are.
 
-    def __init__(
-        self,
-        make: Callable[[], Rerun],
-        library: Mapping[str, type[Machine]],
-        begin_ns: int,
-        serve: Serve,
-    ):
-        self._arguments = make, library, begin_ns
-        self._serve = serve
+    `read_line` returns a line of standard input for machines' code in another process.
+    """
+
+    make: Callable[[], Rerun]
+    library: Mapping[str, type[Machine]]
+    begin_ns: int
+    serve: Serve
+    read_line: Callable[[], str] = lambda: ""
 
     def __enter__(self) -> Self:
         return self
@@ -92,10 +93,9 @@ def start_client(
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
 ) -> Client:
-    """Start the client for this system; the arguments are as for `ForkingClient`."""
-    if sys.platform == "linux":
-        return ForkingClient(make, library, begin_ns, serve, read_line)
-    return LocalClient(make, library, begin_ns, serve)
+    """Start the client for this system; the arguments are as for `Client`."""
+    kind = ForkingClient if sys.platform == "linux" else LocalClient
+    return kind(make, library, begin_ns, serve, read_line)
 
 
 class LocalClient(Client):
@@ -106,8 +106,8 @@ class LocalClient(Client):
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Call a method; it returns when the machines are paused, so `then` is not needed."""
         if self._debugger is None:
-            self._debugger = ReverseDebugger(*self._arguments)
-            self._served = self._serve(self._debugger)
+            self._debugger = ReverseDebugger(self.make, self.library, self.begin_ns)
+            self._served = self.serve(self._debugger)
             self._debugger.wait()
         return call(self._served, name, *arguments)
 
@@ -127,23 +127,15 @@ class _Running(NamedTuple):
     """The number of the moment from which it ran on."""
 
 
+@dataclass(eq=False)
 class ForkingClient(Client):
     """Ask objects in processes that are forked from checkpoints.
 
-    `read_line` returns a line of standard input for the machines' code. Ctrl-C pauses machines that
-    run. Should their process end, as machines' code can do that, they are at the moment before.
+    Ctrl-C pauses machines that run. Should their process end, as machines' code can do that, they
+    are at the moment before.
     """
 
-    def __init__(
-        self,
-        make: Callable[[], Rerun],
-        library: Mapping[str, type[Machine]],
-        begin_ns: int,
-        serve: Serve,
-        read_line: Callable[[], str] = lambda: "",
-    ):
-        super().__init__(make, library, begin_ns, serve)
-        self._read_line = read_line
+    def __post_init__(self) -> None:
         self.checkpoints = Checkpoints()
         self._current: _Running | None = None
         self._answering: _Running | None = None  # of which an answer is awaited
@@ -271,7 +263,7 @@ class ForkingClient(Client):
                             _, process = link.receive()  # hello
                             self.checkpoints.add(Checkpoint(parts[0], link, process))
                     case "input":
-                        running.link.send(("input", self._read_line()))
+                        running.link.send(("input", self.read_line()))
                     case _:
                         return parts[0], parts[1]
         except LinkClosedError:
@@ -298,7 +290,8 @@ class ForkingClient(Client):
         """Start the process from which machines run from the beginning."""
         links = [checkpoint.link for checkpoint in self.checkpoints.all]
         links += [self._current.link] if self._current is not None else []
-        link, process = start_origin(self._serve, *self._arguments, closed=links)
+        arguments = self.make, self.library, self.begin_ns
+        link, process = start_origin(self.serve, *arguments, closed=links)
         self._origin = Checkpoint(Moment(0, 0), link, process)
 
     @contextmanager

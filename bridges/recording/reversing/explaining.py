@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from msgspec.structs import replace
@@ -28,24 +28,23 @@ class Explanation(NamedTuple):
     variables: MachineVariables
 
 
-class Explained:
+class Explained(NamedTuple):
     """Answers questions about machines that are rerun, beside their `debugger`."""
 
-    def __init__(self, debugger: ReverseDebugger):
-        self._debugger = debugger
+    debugger: ReverseDebugger
 
     def past(self, now_ns: int) -> tuple[str, _Found]:
         """Go past a moment, and return as `explain` does."""
-        self._debugger.go_past(now_ns)
+        self.debugger.go_past(now_ns)
         return self.explain(now_ns)
 
     def explain(self, now_ns: int) -> tuple[str, _Found]:
         """Return the machines at this moment, by their names, or why there is no such moment."""
-        self._debugger.wait()
-        if self._debugger.difference:
-            return self._debugger.difference, {}
-        arrangement = self._debugger.arrangement
-        now_ns -= self._debugger.debugger.behind_ns  # by the machines' clock
+        self.debugger.wait()
+        if self.debugger.difference:
+            return self.debugger.difference, {}
+        arrangement = self.debugger.arrangement
+        now_ns -= self.debugger.debugger.behind_ns  # by the machines' clock
         # Breakpoints are none of the recording's.
         return "", {
             machine.name: Explanation(
@@ -59,8 +58,8 @@ class Explained:
 class Explainer:
     """Explain the moments that a page shows of the machines of a `process`.
 
-    The `client` of their journal asks an `Explained`, and is closed with the explainer. The latest
-    moment that was asked for counts: those before it may be left out.
+    The `client` of their journal asks an `Explained`, and is closed with the explainer. While a
+    moment is looked for, other ones that are asked for are left out.
     """
 
     def __init__(self, process: int, client: Client):
@@ -68,45 +67,28 @@ class Explainer:
         self.problem = ""
         """Why machines cannot be run up to the latest moment; "" if they can."""
         self._client = client
-        self._asked = threading.Condition()
-        self._wanted: int | None = None
         self._answer: tuple[int, _Found] = (-1, {})
-        self._over = False
-        self._thread: threading.Thread | None = None  # from the first question on
+        self._asking: Future[None] | None = None
+        self._thread = ThreadPoolExecutor(1, "explainer")
 
     def at(self, now_ns: int) -> _Found:
         """Return the machines at that moment, by name; none until they are there."""
-        with self._asked:
-            known_ns, found = self._answer
-            if known_ns == now_ns:
-                return found
-            self._wanted = now_ns
-            self._asked.notify()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="explainer")
-                self._thread.start()
-            return {}
+        known_ns, found = self._answer
+        if known_ns == now_ns:
+            return found
+        if self._asking is None or (self._asking.done() and self._asking.exception() is None):
+            self._asking = self._thread.submit(self._ask, now_ns)
+        return {}
 
     def close(self) -> None:
         """End the thread; closing twice is fine."""
-        with self._asked:
-            self._over = True
-            self._asked.notify()
-        if self._thread is not None:
-            self._thread.join()
+        self._thread.shutdown()
         self._client.close()
 
-    def _run(self) -> None:
+    def _ask(self, now_ns: int) -> None:
         try:
-            while (wanted := self._next()) is not None:
-                asked = self._client.ask("past", wanted, then=("explain", wanted))
-                self.problem, found = asked
-                self._answer = wanted, found
+            self.problem, found = self._client.ask("past", now_ns, then=("explain", now_ns))
         except LlfsmError as error:
             self.problem = str(error)
-
-    def _next(self) -> int | None:
-        with self._asked:
-            self._asked.wait_for(lambda: self._over or self._wanted is not None)
-            wanted, self._wanted = self._wanted, None
-            return None if self._over else wanted
+            raise
+        self._answer = now_ns, found

@@ -106,7 +106,7 @@ class RerunDebugger(Debugger):
 
     def before_state(self, machine: str) -> int:
         """Return the last moment at which a machine was not in its state; 0 if there is none."""
-        state = self.arrangement.standing(machine).state
+        state = self.arrangement.state_name_of(machine)
         is_new = self._states.get(machine) != state  # since the last turn
         return self.number if is_new else self._since[machine] - 1
 
@@ -255,7 +255,7 @@ class ReverseDebugger:
     @property
     def now_s(self) -> float:
         """The seconds at this moment."""
-        return self._seconds(self.debugger.time_ns)
+        return (self.debugger.time_ns - self._begin_ns) / 1e9
 
     def wait(self) -> str:
         """Wait until the machines are paused, and return why; "" at the end.
@@ -333,7 +333,7 @@ class ReverseDebugger:
             case "transition":
                 moment = _last_before(now, self.debugger.arrivals)
             case "leave":
-                state = self.arrangement.standing(name).state
+                state = self.arrangement.state_name_of(name)
                 moment = self.debugger.before_state(name)
         if not moment:
             what = {
@@ -406,9 +406,6 @@ class ReverseDebugger:
             failure = _failure_of(rerun.arrangement)
             self.end = f"the recording ends here, at {self.now_s:.6f} s{failure and f': {failure}'}"
 
-    def _seconds(self, time_ns: int) -> float:
-        return (time_ns - self._begin_ns) / 1e9
-
     def _require_more(self) -> None:
         if self.end:
             raise RecordingError(f"{self.end}; go back, or to an earlier time")
@@ -429,11 +426,9 @@ class ReverseDebugger:
 
 def section_of(machine: type[Machine], state: str, section: str) -> FunctionType | None:
     """Return the code of a section; None if there is none."""
-    for each in machine.table.states:
-        if each.name == state:
-            found = each.sections.get(section)
-            return found if isinstance(found, FunctionType) else None
-    return None
+    sections = next((each.sections for each in machine.table.states if each.name == state), {})
+    found = sections.get(section)
+    return found if isinstance(found, FunctionType) else None
 
 
 def _failure_of(arrangement: Arrangement) -> str:

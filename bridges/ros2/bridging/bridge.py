@@ -11,20 +11,12 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
-from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
-from llfsm.bridges.ros2.bridging.bridge_plan import (
-    ActionPlan,
-    BridgePlan,
-    PositionPlan,
-    RelayPlan,
-    ServicePlan,
-)
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import (
+from llfsm.bridges.ros2.bridging._relays import (
     EchoFilter,
     FromRos,
     KeyedFromRos,
@@ -34,9 +26,17 @@ from llfsm.bridges.ros2.bridging.relays import (
     ToRos,
     declare_settings,
 )
-from llfsm.bridges.ros2.bridging.slot_action import ActionPlace, SlotActionClient, SlotActionServer
-from llfsm.bridges.ros2.bridging.slot_service import SlotClient, SlotServer
-from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, PositionServer
+from llfsm.bridges.ros2.bridging._slot_action import ActionPlace, SlotActionClient, SlotActionServer
+from llfsm.bridges.ros2.bridging._slot_service import SlotClient, SlotServer
+from llfsm.bridges.ros2.bridging._turtle_position import NODE, SERVICE, PositionServer
+from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
+from llfsm.bridges.ros2.bridging.bridge_plan import (
+    BridgePlan,
+    PositionPlan,
+    RelayPlan,
+    ServicePlan,
+)
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.node_parameters import NodeParameters
@@ -44,7 +44,7 @@ from llfsm.bridges.ros2.node_time import NodeTime, from_ns
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, overridden
 from llfsm.bridges.ros2.standard_node import Equipment, equip
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import Node, Notice, Transport, log_notice
+from llfsm.bridges.ros2.transport import Node, Notice, Notifier, Transport, log_notice
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Board, BoundSlot, WhiteboardError
@@ -75,47 +75,46 @@ class Health(NamedTuple):
     values: dict[str, str]
 
 
+@dataclass(eq=False)
 class Diagnostics:
-    """Publishes what ``report`` returns, on the timer's thread, until the node is closed."""
+    """Publishes what ``report`` returns, on the timer's thread, until the node is closed.
 
-    def __init__(
-        self,
-        node: Node,
-        types: TypeLibrary,
-        report: Callable[[], Iterable[Health]],
-        timer: TimerThread,
-        now_ns: Callable[[], int],
-    ) -> None:
-        """``now_ns`` returns the node's time, for stamps."""
-        array = types.message("diagnostic_msgs/msg/DiagnosticArray")
+    ``now_ns`` returns the node's time, for stamps.
+    """
+
+    node: Node
+    types: TypeLibrary
+    report: Callable[[], Iterable[Health]]
+    timer: TimerThread
+    now_ns: Callable[[], int]
+
+    def __post_init__(self) -> None:
+        array = self.types.message("diagnostic_msgs/msg/DiagnosticArray")
         self._array = array.message
-        self._status = types.message("diagnostic_msgs/msg/DiagnosticStatus").message
-        self._value = types.message("diagnostic_msgs/msg/KeyValue").message
-        self._publisher = node.publisher("/diagnostics", array, Qos(depth=1))
-        self._prefix = node.name.lstrip("/")
-        self._report = report
-        self._timer = timer
-        self._now_ns = now_ns
+        self._status = self.types.message("diagnostic_msgs/msg/DiagnosticStatus").message
+        self._value = self.types.message("diagnostic_msgs/msg/KeyValue").message
+        self._publisher = self.node.publisher("/diagnostics", array, Qos(depth=1))
         self._later()
 
     def _later(self) -> None:
-        self._timer.call_later(_PERIOD_S, self._publish)
+        self.timer.call_later(_PERIOD_S, self._publish)
 
     def _publish(self) -> None:
         if self._publisher.closed:
             return
         self._later()  # first: a report that fails is logged, and the next is published
+        prefix = self.node.name.lstrip("/")
         statuses = tuple(
             self._status(
                 level=int(each.level),
-                name=f"{self._prefix}: {each.name}",
+                name=f"{prefix}: {each.name}",
                 message=each.message,
                 values=tuple(self._value(*pair) for pair in each.values.items()),
             )
-            for each in self._report()
+            for each in self.report()
         )
         with suppress(TransportClosedError):
-            self._publisher.publish(self._array(Header(stamp=from_ns(self._now_ns())), statuses))
+            self._publisher.publish(self._array(Header(stamp=from_ns(self.now_ns())), statuses))
 
 
 _OF_CONDITION = {
@@ -220,19 +219,15 @@ class Bridge:
         board: Board,
         transport: Transport,
         notify: Callable[[Notice], None] = log_notice,
-        *,
-        history: float = 1.0,
     ) -> None:
         """Start. ``notify`` gets the faults of links, each kind once for a link.
 
-        ``history`` is how many seconds a latched topic has to deliver what it has kept before its
-        slot is published. Raise :class:`.SlotTypeError` if a slot was made with another type since
+        Raise :class:`.SlotTypeError` if a slot was made with another type since
         the plan was made.
         """
         self.links: list[BridgeLink] = []
         self._board = board
-        self._history = history
-        self._faults = LinkFaults(notify)
+        self._notifier = Notifier(notify)
         self._timer = TimerThread("bridge rates")
         self._workers: list[_Worker] = []
         self._to_ros: list[ToRos[Any]] = []
@@ -303,7 +298,7 @@ class Bridge:
         return node, equip(node, types, parameters, self._timer.call_soon)
 
     def _link(self, slot: str, arrow: str, name: str, type_name: str) -> BridgeLink:
-        link = BridgeLink(slot, arrow, name, type_name)
+        link = BridgeLink(slot, arrow, name, type_name, self._notifier)
         self.links.append(link)
         return link
 
@@ -319,15 +314,7 @@ class Bridge:
                 echo = EchoFilter(publisher, plan.of)
         if plan.from_ros:
             link = self._link(plan.slot.name, "<-", plan.topic, plan.of.name)
-            relay = FromRos(
-                slot,
-                link,
-                self._faults,
-                self._timer,
-                settings=settings,
-                echo=echo,
-                latest=arrival,
-            )
+            relay = FromRos(slot, link, self._timer, settings=settings, echo=echo, latest=arrival)
             link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
         if publisher is not None and plan.to_ros is not None:
             link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
@@ -336,10 +323,8 @@ class Bridge:
                 slot,
                 publisher,
                 link,
-                self._faults,
                 settings=settings,
                 latched=plan.to_ros.durability is DurabilityPolicy.TRANSIENT_LOCAL,
-                history=self._history,
                 echo=echo,
                 arrival=arrival if plan.from_ros is None else None,
             )
@@ -350,7 +335,6 @@ class Bridge:
                         plan.at_loss,
                         plan.slot.encoder.encode(plan.at_loss),
                         link,
-                        self._faults,
                         self._timer,
                     )
                 )
@@ -362,38 +346,28 @@ class Bridge:
     ) -> None:
         assert plan.from_ros is not None  # the only direction
         link = self._link(f"{plan.slot.name}/*", "<-", plan.topic, plan.of.name)
-        relay = KeyedFromRos(
-            self._board, plan.slot, keys, link, self._faults, self._timer, settings
-        )
+        relay = KeyedFromRos(self._board, plan.slot, keys, link, self._timer, settings)
         link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
 
     def _client(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
-        link = self._link(slots.request.name, "->", plan.service, slots.of.name)
+        link = self._link(slots.request.name, "->", plan.full_name, slots.of.name)
         link.client = client = node.client(plan.name, slots.of)
-        caller = SlotClient(self._board, slots, client, plan.timeout, link, self._faults)
+        caller = SlotClient(self._board, slots, client, plan.timeout, link)
         self._workers.append(caller)
 
     def _server(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
-        link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
-        answerer = SlotServer(self._board, slots, plan.timeout, link, self._faults)
+        link = self._link(slots.request.name, "<-", plan.full_name, slots.of.name)
+        answerer = SlotServer(self._board, slots, plan.timeout, link)
         self._workers.append(answerer)
         node.server(plan.name, slots.of, answerer.asked)
 
-    def _action(self, node: Node, plan: ActionPlan, types: TypeLibrary, time: NodeTime) -> None:
+    def _action(self, node: Node, plan: ServicePlan, types: TypeLibrary, time: NodeTime) -> None:
         slots, arrow = plan.slots, "<-" if plan.serve else "->"
-        link = self._link(slots.goal.name, arrow, plan.action, slots.of.name)
+        link = self._link(slots.goal.name, arrow, plan.full_name, slots.of.name)
         place = ActionPlace(
-            self._board,
-            slots,
-            node,
-            plan.name,
-            types,
-            plan.timeout,
-            link,
-            self._faults,
-            self._timer,
+            self._board, slots, node, plan.name, types, plan.timeout, link, self._timer
         )
         if plan.serve:
             self._workers.append(SlotActionServer(place, time.now_ns))
@@ -404,12 +378,12 @@ class Bridge:
     def _position(self, node: Node, plan: PositionPlan, service: str) -> None:
         in_ros = self._link(plan.pose.name, "->", service, plan.of.name)
         in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
-        position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots, self._faults)
+        position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots)
         self._workers.append(position)
         try:
             node.server(SERVICE, plan.of, position.asked)
         except TransportUnavailableError as error:  # rclpy without the type's package
-            self._faults.report(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
+            in_ros.report_fault(f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
 def _arrivals(relays: Sequence[RelayPlan]) -> dict[str, LatestArrival[Any]]:

@@ -92,31 +92,29 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
     """The message to post when the process that posted the latest one dies; to ROS only."""
 
 
-class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class _ThroughSlots(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """What a service and an action through slots have alike."""
+
+    type: str
+    """Its ROS name, as ``turtlesim/srv/Spawn`` or ``nav2_msgs/action/NavigateToPose``."""
+    slots: str | None = None
+    """The slots are ``SLOTS/request``, ``SLOTS/goal`` and so on; None: the name in ROS."""
+    timeout: _Positive = 5.0
+    """Seconds that an answer may take, and for which an action's server may be away."""
+    capacity: _Capacity | None = None
+
+
+class ServiceConfig(_ThroughSlots, frozen=True, kw_only=True):
     """A ROS service that is called or answered through slots."""
 
     service: str
-    type: str
-    """Its ROS name, as ``turtlesim/srv/Spawn``."""
-    slots: str | None = None
-    """The slots are ``SLOTS/request`` and ``SLOTS/answer``; None: the service's name."""
-    timeout: _Positive = 5.0
-    """Seconds that an answer may take."""
-    capacity: _Capacity | None = None
 
 
-class ActionConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class ActionConfig(_ThroughSlots, frozen=True, kw_only=True):
     """An action whose goals are sent or served through slots."""
 
     action: str
-    type: str
-    """Its ROS name, as ``nav2_msgs/action/NavigateToPose``."""
     role: Literal["client", "server"] = "client"
-    slots: str | None = None
-    """The slots are ``SLOTS/goal`` and so on; None: the action's name."""
-    timeout: _Positive = 5.0
-    """Seconds that an answer may take, and for which a server may be away."""
-    capacity: _Capacity | None = None
 
 
 class PositionConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

@@ -11,9 +11,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from llfsm.bridges.ros2.bridging._turtle_position import NODE, SERVICE, TYPE
 from llfsm.bridges.ros2.bridging.bridge_config import (
     ActionConfig,
     BridgeConfig,
@@ -22,15 +24,12 @@ from llfsm.bridges.ros2.bridging.bridge_config import (
     ServiceConfig,
 )
 from llfsm.bridges.ros2.bridging.service_slots import (
-    ActionSlots,
-    ServiceSlots,
     action_slots,
     capacity_for,
     capacity_note,
     capacity_warning,
     service_slots,
 )
-from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, TYPE
 from llfsm.bridges.ros2.errors import CdrError, KeyPathError, RosNameError, RosTypeError
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
@@ -44,7 +43,7 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import fingerprint
 
-_Where = tuple[str | int, ...]
+_Where = tuple[str, int]
 _KEYED_DEPTH = 100  # as tf2's listeners: many publishers send at once
 C = TypeVar("C")
 P = TypeVar("P")
@@ -71,26 +70,16 @@ class RelayPlan(NamedTuple):
 
 
 class ServicePlan(NamedTuple):
-    """A resolved service through slots."""
+    """A resolved service or action through slots."""
 
-    slots: ServiceSlots
+    slots: Any
+    """:class:`.ServiceSlots` or :class:`.ActionSlots`."""
     name: str
-    """The service's name in the configuration."""
-    service: str
-    """Its full name, remapped."""
+    """The name in the configuration."""
+    full_name: str
+    """Remapped."""
     timeout: float
-
-
-class ActionPlan(NamedTuple):
-    """A resolved action through slots."""
-
-    slots: ActionSlots
-    name: str
-    """The action's name in the configuration."""
-    action: str
-    """Its full name."""
     serve: bool
-    timeout: float
 
 
 class PositionPlan(NamedTuple):
@@ -109,7 +98,7 @@ class BridgePlan(NamedTuple):
     relays: list[RelayPlan]
     clients: list[ServicePlan]
     servers: list[ServicePlan]
-    actions: list[ActionPlan]
+    actions: list[ServicePlan]
     position: PositionPlan | None
     warnings: list[ConfigurationError]
     """Possible, but messages are lost."""
@@ -126,36 +115,19 @@ class RelayEdge(NamedTuple):
     target: str
 
 
-class _Stop(NamedTuple):
-    """A message at a place, with the relay that brought it, which does not take it back."""
-
-    place: str
-    relay: int
-
-
 def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
     """Find a cycle of relays; return a relay of it and its places, or None."""
     edges = list(edges)
-    harmless: set[_Stop] = set()
-    for first in edges:
-        found = _follow(edges, [_Stop(first.target, first.relay)], harmless)
-        if found:
-            return found[0].relay, [stop.place for stop in found]
-    return None
-
-
-def _follow(edges: list[RelayEdge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
-    here = way[-1]
-    if here in harmless:
-        return None
-    if here in way[:-1]:
-        return way[way.index(here) :]
-    for edge in edges:
-        if edge.source == here.place and edge.relay != here.relay:
-            found = _follow(edges, [*way, _Stop(edge.target, edge.relay)], harmless)
-            if found:
-                return found
-    harmless.add(here)
+    # A relay does not take back what it has brought.
+    before = {
+        edge: [each for each in edges if each.target == edge.source and each.relay != edge.relay]
+        for edge in edges
+    }
+    try:
+        TopologicalSorter(before).prepare()
+    except CycleError as error:
+        cycle: list[RelayEdge] = error.args[1]
+        return cycle[0].relay, [edge.target for edge in cycle]
     return None
 
 
@@ -171,24 +143,20 @@ def make_plan(
     have a ``where`` in the configuration. ``arguments`` remap the node and the topics. Raise
     :class:`.RosArgumentError` for a name in them that is none.
     """
-    planner = _Planner(config, folder, {info.name: info for info in slots}, arguments)
+    planner = _Planner(config, folder, slots, arguments)
     return planner.plan(), planner.faults
 
 
 class _Planner:
     def __init__(
-        self,
-        config: BridgeConfig,
-        folder: Path,
-        on_board: Mapping[str, SlotInfo],
-        arguments: RosArguments,
+        self, config: BridgeConfig, folder: Path, slots: list[SlotInfo], arguments: RosArguments
     ) -> None:
         self.faults: list[ConfigurationError] = []
         self._warnings: list[ConfigurationError] = []
         self._notes: list[ConfigurationError] = []
         self._config = config
         self._arguments = arguments
-        self._on_board = on_board
+        self._on_board = {info.name: info for info in slots}
         self._slots: dict[str, Slot[Any]] = {}
         self._topic_types: dict[str, str] = {}
         self._library = TypeLibrary()
@@ -202,14 +170,18 @@ class _Planner:
     def plan(self) -> BridgePlan:
         config = self._config
         relays = self._each("relay", config.relay, self._relay)
-        clients = self._each("client", config.client, self._service)
-        servers = self._each("server", config.server, self._service)
+        clients = self._each("client", config.client, self._client)
+        servers = self._each("server", config.server, self._server)
         actions = self._each("action", config.action, self._action)
         position = self._position()
         self._check_pairs(relays)
         self._check_loops(relays)
-        self._check_services(clients, servers, position)
-        self._check_actions(actions)
+        used, served = set(), set()
+        if position:
+            used.add(REQUEST.name)
+            served.add(self._arguments.names(NODE, only_one=False).full_service(SERVICE))
+        self._check_served(clients | servers, "a service", used, served)
+        self._check_served(actions, "an action", set(), set())
         return BridgePlan(
             self._node,
             self._arguments,
@@ -236,9 +208,11 @@ class _Planner:
 
     def _each(
         self, kind: str, configs: Sequence[C], make: Callable[[C, _Where], P | None]
-    ) -> dict[int, P]:
-        made = {i: make(config, (kind, i)) for i, config in enumerate(configs)}
-        return {i: plan for i, plan in made.items() if plan is not None}
+    ) -> dict[_Where, P]:
+        """Resolve the configurations of a kind; return the plans by their places."""
+        places = {(kind, i): config for i, config in enumerate(configs)}
+        made = {where: make(config, where) for where, config in places.items()}
+        return {where: plan for where, plan in made.items() if plan is not None}
 
     def _relay(self, config: RelayConfig, where: _Where) -> RelayPlan | None:
         topic = of = slot = keys = at_loss = None
@@ -282,39 +256,43 @@ class _Planner:
             raise KeyPathError('`keyed_by` is for relays with direction = "from_ros"')
         return KeyPath(config.keyed_by, of.message)
 
-    def _service(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
-        service = of = slots = None
-        with self._at(*where, "service"):
-            service = self._node.full_service(config.service)
-        with self._at(*where, "type"):
-            of = self._library.service(config.type)
-        if of is not None:
-            with self._at(*where, "slots" if config.slots else "service"):
-                name = config.slots or config.service.lstrip("/")
-                slots = service_slots(name, of, config.capacity)
-                for slot in (slots.request, slots.answer):
-                    self._claim(slot)
-                    self._check_capacity(slot, config.capacity, where)
-        if service is None or slots is None:
-            return None
-        return ServicePlan(slots, config.service, service, config.timeout)
+    def _client(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
+        full, find = self._node.full_service, self._library.service
+        return self._through_slots(config, where, "service", full, find, service_slots)
 
-    def _action(self, config: ActionConfig, where: _Where) -> ActionPlan | None:
-        action = of = slots = None
-        with self._at(*where, "action"):
-            action = self._node.full(config.action)
+    def _server(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
+        plan = self._client(config, where)
+        return None if plan is None else plan._replace(serve=True)
+
+    def _action(self, config: ActionConfig, where: _Where) -> ServicePlan | None:
+        full, find = self._node.full, self._library.action
+        plan = self._through_slots(config, where, "action", full, find, action_slots)
+        return None if plan is None else plan._replace(serve=config.role == "server")
+
+    def _through_slots(
+        self,
+        config: ServiceConfig | ActionConfig,
+        where: _Where,
+        key: str,
+        full: Callable[[str], str],
+        find: Callable[[str], Any],
+        make: Callable[[str, Any, int | None], Any],
+    ) -> ServicePlan | None:
+        name = getattr(config, key)
+        full_name = of = slots = None
+        with self._at(*where, key):
+            full_name = full(name)
         with self._at(*where, "type"):
-            of = self._library.action(config.type)
+            of = find(config.type)
         if of is not None:
-            with self._at(*where, "slots" if config.slots else "action"):
-                name = config.slots or config.action.lstrip("/")
-                slots = action_slots(name, of, config.capacity)
-                for slot in slots[:5]:  # all but the type
+            with self._at(*where, "slots" if config.slots else key):
+                slots = make(config.slots or name.lstrip("/"), of, config.capacity)
+                for slot in slots[:-1]:  # all but the type
                     self._claim(slot)
                     self._check_capacity(slot, config.capacity, where)
-        if action is None or slots is None:
+        if full_name is None or slots is None:
             return None
-        return ActionPlan(slots, config.action, action, config.role == "server", config.timeout)
+        return ServicePlan(slots, name, full_name, config.timeout, serve=False)
 
     def _position(self) -> PositionPlan | None:
         config = self._config.turtle_position
@@ -363,30 +341,29 @@ class _Planner:
         elif not chosen and (text := capacity_note(slot)):
             self._notes.append(ConfigurationError(text, (*where, "type")))
 
-    def _check_pairs(self, relays: Mapping[int, RelayPlan]) -> None:
+    def _check_pairs(self, relays: Mapping[_Where, RelayPlan]) -> None:
         """Report relays that repeat or reverse others."""
         done: dict[tuple[str, str], set[bool]] = {}
-        for i, relay in relays.items():
+        for where, relay in relays.items():
             way = {to for to, qos in ((True, relay.to_ros), (False, relay.from_ros)) if qos}
             before = done.setdefault((relay.slot.name, relay.topic), set())
             pair = f"slot {relay.slot.name!r} and topic {relay.topic}"
             if before & way:
-                self._fault(f"{pair} are relayed twice in this direction", "relay", i)
+                self._fault(f"{pair} are relayed twice in this direction", *where)
             elif before:
                 self._fault(
                     f'{pair} are relayed both ways: make it one relay with direction = "both", '
                     "so that messages do not come back",
-                    "relay",
-                    i,
+                    *where,
                 )
             before |= way
 
-    def _check_loops(self, relays: Mapping[int, RelayPlan]) -> None:
+    def _check_loops(self, relays: Mapping[_Where, RelayPlan]) -> None:
         if self.faults:
             return  # pairs are the smallest cycles, and other errors would make cycles guesswork
         edges = []
         keyed = [relay.slot.name for relay in relays.values() if relay.keys]
-        for i, relay in relays.items():
+        for (_, i), relay in relays.items():
             slot, topic = relay.slot.name, f"topic {relay.topic}"
             if relay.to_ros:  # the slot of a key stands for all of its relay
                 slot = next((key for key in keyed if slot.startswith(f"{key}/")), slot)
@@ -397,41 +374,20 @@ class _Planner:
         if loop:
             self._fault(f"messages would cycle for ever: {' -> '.join(loop[1])}", "relay", loop[0])
 
-    def _check_services(
-        self,
-        clients: Mapping[int, ServicePlan],
-        servers: Mapping[int, ServicePlan],
-        position: PositionPlan | None,
+    def _check_served(
+        self, plans: Mapping[_Where, ServicePlan], what: str, used: set[str], served: set[str]
     ) -> None:
-        """Report slots that two services share, and services that are served twice."""
-        pairs = {REQUEST.name} if position else set()
-        served = set()
-        if position:
-            served.add(self._arguments.names(NODE, only_one=False).full_service(SERVICE))
-        for kind, plans in (("client", clients), ("server", servers)):
-            for i, plan in plans.items():
-                request = plan.slots.request.name
-                if request in pairs:
-                    self._fault(f"the slot {request!r} already has a service", kind, i)
-                pairs.add(request)
-                if kind == "server":
-                    if plan.service in served:
-                        self._fault(f"{plan.service} is already served", kind, i, "service")
-                    served.add(plan.service)
-
-    def _check_actions(self, actions: Mapping[int, ActionPlan]) -> None:
-        """Report slots that two actions share, and actions that are served twice."""
-        used: set[str] = set()
-        served: set[str] = set()
-        for i, plan in actions.items():
-            goal = plan.slots.goal.name
-            if goal in used:
-                self._fault(f"the slot {goal!r} already has an action", "action", i)
-            used.add(goal)
+        """Report slots that two services or actions share, and those that are served twice."""
+        for where, plan in plans.items():
+            slot = plan.slots[0].name
+            if slot in used:
+                self._fault(f"the slot {slot!r} already has {what}", *where)
+            used.add(slot)
             if plan.serve:
-                if plan.action in served:
-                    self._fault(f"{plan.action} is already served", "action", i, "action")
-                served.add(plan.action)
+                if plan.full_name in served:
+                    key = "action" if where[0] == "action" else "service"
+                    self._fault(f"{plan.full_name} is already served", *where, key)
+                served.add(plan.full_name)
 
 
 def _qos(config: RelayConfig, usual_depth: int) -> Qos:

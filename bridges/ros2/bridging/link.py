@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 from llfsm.bridges.ros2.actions import ActionClient
 from llfsm.bridges.ros2.errors import Ros2Error
-from llfsm.bridges.ros2.transport import (
-    Client,
-    Notice,
-    NoticeKind,
-    Notifier,
-    Publisher,
-    TopicSubscription,
-)
+from llfsm.bridges.ros2.transport import Client, NoticeKind, Notifier, Publisher, TopicSubscription
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
 
 
 class BridgeLink:
-    """One direction of a relay, or a service: its two ends and its counts.
+    """One direction of a relay, or a service: its two ends, its counts and its faults.
 
-    One thread counts; any thread may read.
+    One thread counts; any thread may read, and count faults.
     """
 
-    def __init__(self, slot: str, arrow: str, name: str, type_name: str) -> None:
+    def __init__(
+        self, slot: str, arrow: str, name: str, type_name: str, notifier: Notifier
+    ) -> None:
         self.slot = slot
         self.arrow = arrow
         self.name = name
@@ -41,6 +35,8 @@ class BridgeLink:
         self.client: Client[Any, Any] | ActionClient | None = None
         """The client of a server in ROS, if the link has one: `ready` when a server is known."""
         self._last: float | None = None
+        self._notifier = notifier
+        self._lock = threading.Lock()
 
     def __str__(self) -> str:
         return f"{self.slot} {self.arrow} {self.name}"
@@ -61,27 +57,19 @@ class BridgeLink:
         last = self._last
         return None if last is None else time.monotonic() - last
 
-
-class LinkFaults:
-    """Counts the faults of links, and reports each kind once, as a transport reports notices."""
-
-    def __init__(self, notify: Callable[[Notice], None]) -> None:
-        self._notifier = Notifier(notify)
-        self._lock = threading.Lock()
-
-    def count(self, link: BridgeLink, error: Exception) -> None:
-        """Count a failure, and report it if it is the link's first of its kind."""
+    def count_fault(self, error: Exception) -> bool:
+        """Count a failure, and report it if it is the first of its kind; return True: go on."""
         with self._lock:
-            link.failed += 1
-        if not isinstance(error, Ros2Error | WhiteboardError):
-            self._notifier.callback_failed(link.name, error)
-            return
-        text = f"{error}; further ones are only counted"
-        if isinstance(error, MessageTooLargeError):
-            text = f"{error} (`capacity` makes a new slot larger); further ones are only counted"
-        self.report(link, text, type(error).__name__)
+            self.failed += 1
+        if isinstance(error, Ros2Error | WhiteboardError):
+            enlarge = " (`capacity` makes a new slot larger)"
+            how = enlarge if isinstance(error, MessageTooLargeError) else ""
+            self.report_fault(f"{error}{how}; further ones are only counted", type(error).__name__)
+        else:
+            self._notifier.callback_failed(self.name, error)
+        return True
 
-    def report(self, link: BridgeLink, text: str, kind: str) -> None:
-        """Report a fault of a link, the first time for this kind."""
-        text = f"slot {link.slot}: {text}"
-        self._notifier.once(NoticeKind.BAD_MESSAGE, link.name, text, about=f"{link} {kind}")
+    def report_fault(self, text: str, kind: str) -> None:
+        """Report a fault as a transport reports notices, the first time for this kind."""
+        text = f"slot {self.slot}: {text}"
+        self._notifier.once(NoticeKind.BAD_MESSAGE, self.name, text, about=f"{self} {kind}")

@@ -110,7 +110,7 @@ class ManagedMachines:
     def _deactivate(self) -> WorkOutcome:
         assert self._loaded is not None
         assert self._run is not None
-        held = [name for name in _names(self._loaded) if self._loaded.is_running(name)]
+        held = [name for name in _names(self._loaded) if self._loaded.control.is_running(name)]
         looks = round(self._patience_s / _LOOK_S)
         while not self._run.over.wait(_LOOK_S) and looks:
             looks -= 1
@@ -119,7 +119,7 @@ class ManagedMachines:
                 break
             for name in left:  # again and again: a request of the machine's own may replace ours
                 with suppress(UnknownMachineError):
-                    self._loaded.hold(name)
+                    self._loaded.control.hold(name)
             self._loaded.environment.wake()
         else:
             if not self._run.over.is_set():
@@ -166,10 +166,10 @@ class _Run:
 
 
 def _names(arrangement: Arrangement) -> list[str]:
-    return [standing.machine for standing in arrangement.standings() if standing is not None]
+    return [standing.machine for standing in arrangement.roster.standings() if standing is not None]
 
 
 def _runs(arrangement: Arrangement, name: str) -> bool:
     with suppress(UnknownMachineError):
-        return arrangement.is_running(name)
+        return arrangement.control.is_running(name)
     return False

@@ -18,13 +18,13 @@ what sensors of the type usually need, and the plan warns where messages are lik
 
 from __future__ import annotations
 
-from types import new_class
 from typing import Any, NamedTuple
 
 from msgspec import inspect as mi
 from msgspec.structs import astuple, fields
 
 from llfsm.bridges.ros2.types import RosAction, RosMessage, RosService
+from llfsm.bridges.ros2.types.message_classes import new_message
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.slots import DEFAULT_CAPACITY
@@ -195,15 +195,8 @@ def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
         name = f"{field.name}_" if field.name in {"number", "failure", *last} else field.name
         annotations[name] = field.type
         values[name] = field.default
-    namespace = {
-        "__module__": __name__,
-        "__doc__": f"{of.name} in a slot.",
-        "__annotations__": annotations | {field: type(value) for field, value in last.items()},
-        **values,
-        **last,
-    }
-    name = of.name.rpartition("/")[2]
-    return new_class(name, (Message,), {"type_name": of.name}, lambda n: n.update(namespace))
+    annotations |= {field: type(value) for field, value in last.items()}
+    return new_message(of.name, annotations, {"__doc__": f"{of.name} in a slot."} | values | last)
 
 
 class ActionSlots(NamedTuple):

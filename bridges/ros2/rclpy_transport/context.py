@@ -14,18 +14,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
 from llfsm.bridges.ros2.errors import TransportUnavailableError
 from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
-from llfsm.bridges.ros2.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    Qos,
-    ReliabilityPolicy,
-)
+from llfsm.bridges.ros2.qos import TOPIC, Qos
 from llfsm.bridges.ros2.rclpy_transport import api
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import NoticeKind, Notifier
@@ -51,8 +45,8 @@ class RclpyContext:
         self.notifier = notifier
         self.timer = TimerThread("ros2 answers")
         self.ours: dict[Endpoint, None] = {}
-        self._nodes: list[api.NodeApi] = []
-        self._hidden: api.NodeApi | None = None
+        self._nodes: list[Any] = []
+        self._hidden: Any = None
         self._reading = threading.Lock()  # no node goes while it reads the graph
         self._over = threading.Event()
         self._ending = threading.Lock()
@@ -78,7 +72,7 @@ class RclpyContext:
         self.context.on_shutdown(self._on_shutdown)
         self.executor = self.rclpy.new_executor(context=self.context)
 
-    def new_node(self, names: Names) -> api.NodeApi:
+    def new_node(self, names: Names) -> Any:
         """Create a node without any endpoints, and spin it.
 
         Raise :class:`.TransportUnavailableError` if the middleware cannot.
@@ -91,7 +85,7 @@ class RclpyContext:
             self._destroy(hidden)
         return node
 
-    def _new_node(self, names: Names) -> api.NodeApi:
+    def _new_node(self, names: Names) -> Any:
         rclpy = self.rclpy
         quiet = rclpy.parameter("start_type_description_service", value=False)
         try:
@@ -113,23 +107,23 @@ class RclpyContext:
         self.executor.add_node(node)
         return node
 
-    def remove_node(self, node: api.NodeApi) -> None:
+    def remove_node(self, node: Any) -> None:
         """Take a node off the graph."""
         with self._reading:
             self._nodes.remove(node)
         self._destroy(node)
 
-    def _destroy(self, node: api.NodeApi) -> None:
+    def _destroy(self, node: Any) -> None:
         self.executor.remove_node(node)
         node.destroy_node()
 
     @contextmanager
-    def _reader(self) -> Iterator[api.NodeApi]:
+    def _reader(self) -> Iterator[Any]:
         """Hold a node that reads the graph: one of ours, or a hidden one until there is one."""
         with self._reading:
             if not self._nodes and self._hidden is None:
                 self._hidden = self._new_node(Names(f"_llfsm_{os.getpid()}"))
-            yield self._nodes[0] if self._nodes else cast("api.NodeApi", self._hidden)
+            yield self._nodes[0] if self._nodes else self._hidden
 
     def run(self, do: Callable[..., object], *arguments: object) -> None:
         """Run an action on the executor's thread, unless that is ending."""
@@ -186,11 +180,11 @@ class RclpyContext:
             self._over.wait(min(period, timeout))
         return False
 
-    def _topic_ends(self, reader: api.NodeApi) -> Iterator[Endpoint]:
+    def _topic_ends(self, reader: Any) -> Iterator[Endpoint]:
         for topic, _ in reader.get_topic_names_and_types():
             yield from self._ends_of(reader, topic)
 
-    def _ends_of(self, reader: api.NodeApi, topic: str) -> Iterator[Endpoint]:
+    def _ends_of(self, reader: Any, topic: str) -> Iterator[Endpoint]:
         for role, infos in (
             (Role.PUBLISHER, reader.get_publishers_info_by_topic(topic)),
             (Role.SUBSCRIPTION, reader.get_subscriptions_info_by_topic(topic)),
@@ -198,9 +192,7 @@ class RclpyContext:
             for info in infos:
                 yield _endpoint(role, topic, info)
 
-    def _service_ends(
-        self, reader: api.NodeApi, names: list[tuple[str, str]]
-    ) -> Iterator[Endpoint]:
+    def _service_ends(self, reader: Any, names: list[tuple[str, str]]) -> Iterator[Endpoint]:
         for role, ask in (
             (Role.SERVER, reader.get_service_names_and_types_by_node),
             (Role.CLIENT, reader.get_client_names_and_types_by_node),
@@ -267,7 +259,7 @@ def _full(name: str, namespace: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
 
 
-def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
+def _endpoint(role: Role, topic: str, info: Any) -> Endpoint:
     profile = info.qos_profile
     hash_text = str(info.topic_type_hash)
     return Endpoint(
@@ -277,14 +269,13 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
         info.topic_type,
         hash_text if hash_text.startswith("RIHS") else None,  # not every middleware reports it
         Qos(
-            _known(ReliabilityPolicy, profile.reliability, ReliabilityPolicy.RELIABLE),
-            _known(DurabilityPolicy, profile.durability, DurabilityPolicy.VOLATILE),
-            # Those of other nodes are often unknown.
-            _known(HistoryPolicy, profile.history, HistoryPolicy.KEEP_LAST),
-            profile.depth or Qos().depth,
+            _known(profile.reliability, TOPIC.reliability),
+            _known(profile.durability, TOPIC.durability),
+            _known(profile.history, TOPIC.history),  # those of other nodes are often unknown
+            profile.depth or TOPIC.depth,
             _finite(profile.deadline),
             _finite(profile.lifespan),
-            _known(LivelinessPolicy, profile.liveliness, LivelinessPolicy.AUTOMATIC),
+            _known(profile.liveliness, TOPIC.liveliness),
             _finite(profile.liveliness_lease_duration),
         ),
     )
@@ -295,5 +286,6 @@ def _finite(duration: Any) -> int:
     return ns if ns < _INFINITE_NS else 0
 
 
-def _known(kind: type[E], number: int, default: E) -> E:
+def _known(number: int, default: E) -> E:
+    kind = type(default)
     return kind(number) if number in list(kind) else default

@@ -11,67 +11,63 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
 from llfsm.bridges.ros2.errors import TransportClosedError
-from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.graph import Endpoint, Role
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rclpy_transport import api
 from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
 from llfsm.bridges.ros2.transport import (
+    Arrived,
     Client,
     Closable,
+    Handler,
     MessageInfo,
     NoticeKind,
     Publisher,
     SerializedBytes,
-    SerializedMessage,
     Server,
-    ServiceRequest,
     TopicSubscription,
 )
 from llfsm.bridges.ros2.types import RosMessage, RosService
 from llfsm.whiteboard.message import M
 
-E = TypeVar("E")
+
+class Place(NamedTuple):
+    """What an endpoint is made of, whatever its kind."""
+
+    owner: Closable
+    world: RclpyContext
+    node: Any
+    """Of rclpy."""
+    end: Endpoint
 
 
-class RclpyPublisher(Publisher[M]):
+class RclpyEndpoint(Closable):
+    """An endpoint of an rclpy node."""
+
+    def __init__(self, place: Place, of: RosMessage[Any] | RosService) -> None:
+        self._class = api.find_class(of.name)  # first: a failure leaves nothing to close
+        super().__init__(place.owner)
+        self.name = place.end.name
+        self._world, self._node, self._end = place[1:]
+
+
+class _RclpyPublisher(RclpyEndpoint, Publisher[M]):
     """Gives rclpy what our codec wrote."""
 
     gid = b""  # rclpy does not report it
 
-    def __init__(
-        self,
-        owner: Closable,
-        world: RclpyContext,
-        node: api.NodeApi,
-        end: Endpoint,
-        of: RosMessage[M],
-        qos: Qos,
-    ) -> None:
-        found = api.find_class(of.name)  # first: a failure leaves nothing to close
-        super().__init__(owner)
-        self.name = end.name
-        self._world = world
-        self._node = node
-        self._end = end
+    def __init__(self, place: Place, of: RosMessage[M], qos: Qos) -> None:
+        super().__init__(place, of)
         self._encode = of.encode
-
-        def create(events: Any) -> api.PublisherApi:
-            return node.create_publisher(found, end.name, world.qos(qos), event_callbacks=events)
-
-        self._publisher = _with_events(world, self, qos, world.rclpy.publisher_events, create)
-        world.ours[end] = None
-
-    def publish(self, message: M) -> None:
-        """Encode and publish a message."""
-        self._send(self._encode(message))
-
-    def forward(self, arrival: SerializedMessage[M]) -> None:
-        """Publish a message as it came."""
-        self._send(arrival.data)
+        world, create = self._world, self._node.create_publisher
+        self._publisher = _with_events(
+            self, qos, world.rclpy.publisher_events, partial(create, self._class, self.name)
+        )
+        world.ours[self._end] = None
 
     def _send(self, data: bytes) -> None:
         try:
@@ -84,27 +80,12 @@ class RclpyPublisher(Publisher[M]):
         self._node.destroy_publisher(self._publisher)
 
 
-class RclpySubscription(TopicSubscription):
+class _RclpySubscription(RclpyEndpoint, TopicSubscription):
     """Takes messages from rclpy as they came; the middleware keeps the newest."""
 
-    def __init__(
-        self,
-        owner: Closable,
-        world: RclpyContext,
-        node: api.NodeApi,
-        end: Endpoint,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos,
-    ) -> None:
-        found = api.find_class(of.name)
-        super().__init__(owner)
-        self.name = end.name
-        self._world = world
-        self._node = node
-        self._end = end
-
-        decode = of.decode
+    def __init__(self, place: Place, of: RosMessage[M], qos: Qos, callback: Arrived[M]) -> None:
+        super().__init__(place, of)
+        world, decode = self._world, of.decode
 
         def take(data: bytes, info: dict[str, Any]) -> None:
             if not self._closed:
@@ -113,13 +94,11 @@ class RclpySubscription(TopicSubscription):
                 )
                 world.notifier.deliver(self.name, callback, SerializedBytes(data, arrived, decode))
 
-        def create(events: Any) -> object:
-            return node.create_subscription(
-                found, end.name, take, world.qos(qos), event_callbacks=events, raw=True
-            )
-
-        self._subscription = _with_events(world, self, qos, world.rclpy.subscription_events, create)
-        world.ours[end] = None
+        create = partial(
+            self._node.create_subscription, self._class, self.name, callback=take, raw=True
+        )
+        self._subscription = _with_events(self, qos, world.rclpy.subscription_events, create)
+        world.ours[self._end] = None
 
     def _close(self) -> None:
         self._world.ours.pop(self._end, None)
@@ -127,16 +106,16 @@ class RclpySubscription(TopicSubscription):
 
 
 def _with_events(
-    world: RclpyContext,
-    end: RclpyPublisher[Any] | RclpySubscription,
+    end: _RclpyPublisher[Any] | _RclpySubscription,
     qos: Qos,
     events: Callable[..., Any],
-    create: Callable[[Any], E],
-) -> E:
+    create: Callable[..., Any],
+) -> Any:
     """Create an end whose missed deadlines and signs of life are reported, if its QoS has any.
 
     Not every middleware reports them: rmw_zenoh_cpp does not.
     """
+    world, profile = end._world, end._world.qos(qos)
 
     def broken(what: str, times: int) -> None:
         if times > 0:
@@ -157,9 +136,11 @@ def _with_events(
 
         callbacks["liveliness"] = alive
     try:
-        return create(events(use_default_callbacks=False, **callbacks))
+        wanted = events(use_default_callbacks=False, **callbacks)
+        return create(qos_profile=profile, event_callbacks=wanted)
     except world.rclpy.unsupported_event:
-        return create(events(use_default_callbacks=False))
+        none = events(use_default_callbacks=False)
+        return create(qos_profile=profile, event_callbacks=none)
 
 
 # Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
@@ -167,37 +148,24 @@ def _with_events(
 _DEPTH = 1000
 
 
-class RclpyClient(Client[Any, Any]):
+class _RclpyClient(RclpyEndpoint, Client[Any, Any]):
     """Calls a service. Here rclpy has no time-out that does not block."""
 
-    def __init__(
-        self,
-        owner: Closable,
-        world: RclpyContext,
-        node: api.NodeApi,
-        name: str,
-        of: RosService,
-        qos: Qos,
-    ) -> None:
-        found = api.find_class(of.name)  # first: a failure leaves nothing to close
-        super().__init__(owner)
-        self.name = name
-        self._world = world
-        self._node = node
+    def __init__(self, place: Place, of: RosService, qos: Qos) -> None:
+        super().__init__(place, of)
         self._encode = of.request.encode
-        self._class = found
-        self._calls = PendingCalls(name, of.response, world.notifier)
-        self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
+        self._calls = PendingCalls(self.name, of.response, self._world.notifier)
+        self._client = self._node.create_client(
+            self._class, self.name, qos_profile=_profile(self._world, qos)
+        )
 
     @property
     def ready(self) -> bool:
-        """True if rclpy knows a server."""
         with suppress(self._world.rclpy.destroyed):  # it is being closed
             return not self._closed and self._client.service_is_ready()
         return False
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
-        """Send the request; a server that is not known now gets none."""
         rclpy, timer = self._world.rclpy, self._world.timer
         sent = rclpy.deserialize(self._encode(request), self._class.Request)
         with self._lifetime:
@@ -211,7 +179,7 @@ class RclpyClient(Client[Any, Any]):
         except rclpy.destroyed:  # it was closed meanwhile, which has ended the call
             return call
 
-        def on_response(done: api.Future) -> None:
+        def on_response(done: Any) -> None:
             timer.call_soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))
 
         def too_late() -> None:
@@ -226,32 +194,16 @@ class RclpyClient(Client[Any, Any]):
         self._calls.close()
         self._node.destroy_client(self._client)
 
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
 
-
-class RclpyServer(Server):
+class _RclpyServer(RclpyEndpoint, Server):
     """Serves a service. A request that fails is not answered: ROS has no message for that."""
 
-    def __init__(
-        self,
-        owner: Closable,
-        world: RclpyContext,
-        node: api.NodeApi,
-        name: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos,
-    ) -> None:
-        found = api.find_class(of.name)
-        super().__init__(owner)
-        self.name = name
-        self._world = world
-        self._node = node
-        self._class = found
-        self._requests = PendingRequests(name, of, handler, world.notifier)
-        self._service = node.create_service(
-            self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
+    def __init__(self, place: Place, of: RosService, qos: Qos, handler: Handler) -> None:
+        super().__init__(place, of)
+        self._requests = PendingRequests(self.name, of, handler, self._world.notifier)
+        profile = _profile(self._world, qos)
+        self._service = self._node.create_service(
+            self._class, self.name, lambda request, _: request, qos_profile=profile
         )
         # An answer may come later, which rclpy's callbacks cannot give without keeping its
         # executor busy. What its executor calls to send what the callback returned is the first
@@ -288,7 +240,7 @@ def _profile(world: RclpyContext, qos: Qos) -> object:
 
 
 class _Reply(NamedTuple):
-    server: RclpyServer
+    server: _RclpyServer
     header: Any
 
     def answer(self, data: bytes) -> None:
@@ -296,3 +248,12 @@ class _Reply(NamedTuple):
 
     def fail(self, reason: str) -> None:
         """Do nothing: the caller waits for its own timeout."""
+
+
+ENDPOINTS: dict[Role, Callable[..., RclpyEndpoint]] = {
+    Role.PUBLISHER: _RclpyPublisher,
+    Role.SUBSCRIPTION: _RclpySubscription,
+    Role.CLIENT: _RclpyClient,
+    Role.SERVER: _RclpyServer,
+}
+"""The class of each kind; made of a place, a type, a QoS and, if it has one, a callback."""

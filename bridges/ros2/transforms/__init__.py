@@ -3,6 +3,6 @@
 A listener reads the slots into a buffer, which answers for any two frames.
 """
 
-from llfsm.bridges.ros2.transforms.buffer import TransformBuffer, TransformListener
+from llfsm.bridges.ros2.transforms._buffer import TransformBuffer, TransformListener
 
 __all__ = ["TransformBuffer", "TransformListener"]

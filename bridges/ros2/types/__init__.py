@@ -5,6 +5,6 @@ twist = types.message("geometry_msgs/msg/Twist")
 assert twist.decode(twist.encode(twist.message())) == twist.message()
 """
 
-from llfsm.bridges.ros2.types.library import RosAction, RosMessage, RosService, TypeLibrary
+from llfsm.bridges.ros2.types._library import RosAction, RosMessage, RosService, TypeLibrary
 
 __all__ = ["RosAction", "RosMessage", "RosService", "TypeLibrary"]

@@ -1,4 +1,4 @@
-"""A ROS definition as data: from the text of .msg, .srv and .action files, and back to text.
+"""A ROS definition as data: from the text of .msg, .srv and .action files.
 
 It is parsed as ROS 2's own tools do (``rosidl_adapter``, Jazzy): defaults, constants, bounds,
 arrays. A line is a field, a constant or a comment, so a regular expression for each part of a line
@@ -20,7 +20,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 
 Value = bool | int | float | str | bytes | tuple["Value", ...]
 
@@ -102,32 +102,30 @@ class Definition:
 
 _Body = tuple[tuple[Field, ...], tuple[Constant, ...]]
 
-_GOAL_ID = Field("goal_id", FieldType("unique_identifier_msgs/msg/UUID"))
+
+def _fields(**types: str | FieldType) -> tuple[Field, ...]:
+    return tuple(
+        Field(name, FieldType(of) if isinstance(of, str) else of) for name, of in types.items()
+    )
+
+
+_GOAL_ID = _fields(goal_id="unique_identifier_msgs/msg/UUID")
 
 
 def service_definitions(name: str, request: _Body, response: _Body) -> list[Definition]:
     """Make a service's definitions: itself, its request, response and event."""
     asked, answered, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
+    of_event = _fields(
+        info="service_msgs/msg/ServiceEventInfo",
+        request=FieldType(asked, Shape.BOUNDED, 1),
+        response=FieldType(answered, Shape.BOUNDED, 1),
+    )
+    whole = _fields(request_message=asked, response_message=answered, event_message=event)
     return [
         Definition(asked, *request),
         Definition(answered, *response),
-        Definition(
-            event,
-            (
-                Field("info", FieldType("service_msgs/msg/ServiceEventInfo")),
-                Field("request", FieldType(asked, Shape.BOUNDED, 1)),
-                Field("response", FieldType(answered, Shape.BOUNDED, 1)),
-            ),
-        ),
-        Definition(
-            name,
-            (
-                Field("request_message", FieldType(asked)),
-                Field("response_message", FieldType(answered)),
-                Field("event_message", FieldType(event)),
-            ),
-            kind="service",
-        ),
+        Definition(event, of_event),
+        Definition(name, whole, kind="service"),
     ]
 
 
@@ -135,32 +133,25 @@ def action_definitions(name: str, goal: _Body, result: _Body, feedback: _Body) -
     """Make an action's definitions: itself and all its parts, those of its services included."""
     parts = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
     goals, results, feedbacks, send_goal, get_result, message = (f"{name}_{p}" for p in parts)
-    accepted = (
-        Field("accepted", FieldType("bool")),
-        Field("stamp", FieldType("builtin_interfaces/msg/Time")),
+    accepted = _fields(accepted="bool", stamp="builtin_interfaces/msg/Time")
+    whole = _fields(
+        goal=goals,
+        result=results,
+        feedback=feedbacks,
+        send_goal_service=send_goal,
+        get_result_service=get_result,
+        feedback_message=message,
     )
-    ended = (Field("status", FieldType("int8")), Field("result", FieldType(results)))
     return [
         Definition(goals, *goal),
         Definition(results, *result),
         Definition(feedbacks, *feedback),
+        *service_definitions(send_goal, (_GOAL_ID + _fields(goal=goals), ()), (accepted, ())),
         *service_definitions(
-            send_goal, ((_GOAL_ID, Field("goal", FieldType(goals))), ()), (accepted, ())
+            get_result, (_GOAL_ID, ()), (_fields(status="int8", result=results), ())
         ),
-        *service_definitions(get_result, ((_GOAL_ID,), ()), (ended, ())),
-        Definition(message, (_GOAL_ID, Field("feedback", FieldType(feedbacks)))),
-        Definition(
-            name,
-            (
-                Field("goal", FieldType(goals)),
-                Field("result", FieldType(results)),
-                Field("feedback", FieldType(feedbacks)),
-                Field("send_goal_service", FieldType(send_goal)),
-                Field("get_result_service", FieldType(get_result)),
-                Field("feedback_message", FieldType(message)),
-            ),
-            kind="action",
-        ),
+        Definition(message, _GOAL_ID + _fields(feedback=feedbacks)),
+        Definition(name, whole, kind="action"),
     ]
 
 
@@ -322,45 +313,6 @@ class TypeSource(NamedTuple):
     encoding: str
     """``msg``, ``srv`` or ``action``; ``implicit``: a part of a service or an action."""
     text: str
-
-
-def definition_text(definition: Definition) -> str:
-    """Write a message as a .msg: its constants and fields, without comments."""
-    return "".join(
-        [
-            *(f"{one.type} {one.name}={_literal(one.value)}\n" for one in definition.constants),
-            *(_field(field) for field in definition.fields),
-        ]
-    )
-
-
-def _field(field: Field) -> str:
-    kind = field.type
-    bound = f"<={kind.bound}" if kind.bound else ""
-    match kind.shape:
-        case Shape.SINGLE:
-            several = ""
-        case Shape.ARRAY:
-            several = f"[{kind.size}]"
-        case Shape.BOUNDED:
-            several = f"[<={kind.size}]"
-        case Shape.SEQUENCE:
-            several = "[]"
-    base = kind.base.replace("/msg/", "/")
-    default = "" if field.default is None else f" {_literal(field.default)}"
-    return f"{base}{bound}{several} {field.name}{default}\n"
-
-
-def _literal(value: Value) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return '"' + value.replace('"', r"\"") + '"'
-        case bytes() | tuple():
-            return f"[{', '.join(map(_literal, value))}]"
-        case _:
-            return repr(value)
 
 
 def bundled(sources: Sequence[TypeSource]) -> str:

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import new_class
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
+from llfsm.bridges.ros2.types._primitives import PRIMITIVES
 from llfsm.bridges.ros2.types.definition import Definition, Field, FieldType, Shape
-from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import describe
 
@@ -36,16 +36,17 @@ def make_class(definition: Definition, nested: _Nested) -> type[Message]:
     for field in definition.fields:
         annotations[field.attribute] = _annotation(field.type, nested)
         values[field.attribute] = _default(field, nested)
-    namespace = {
-        "__module__": __name__,
-        "__doc__": f"{definition.name}, made from its definition.",
-        "__annotations__": annotations,
-        **values,
-    }
-    name = definition.name.rpartition("/")[2]
-    return new_class(
-        name, (Message,), {"type_name": definition.name}, lambda n: n.update(namespace)
-    )
+    doc = f"{definition.name}, made from its definition."
+    return new_message(definition.name, annotations, {"__doc__": doc, **values})
+
+
+def new_message(
+    type_name: str, annotations: Mapping[str, Any], values: Mapping[str, Any]
+) -> type[Message]:
+    """Make a Message class of its fields' types and defaults."""
+    namespace = {"__module__": __name__, "__annotations__": annotations, **values}
+    name = type_name.rpartition("/")[2]
+    return new_class(name, (Message,), {"type_name": type_name}, lambda n: n.update(namespace))
 
 
 def shipped_class(made: type[Message], name: str) -> type[Message] | None:

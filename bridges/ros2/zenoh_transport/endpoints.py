@@ -27,27 +27,23 @@ import zenoh.handlers
 
 from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportError
-from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.graph import Endpoint, Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import (
+    Arrived,
     Client,
     Closable,
+    Handler,
     MessageInfo,
     Notifier,
     Publisher,
     SerializedMessage,
     Server,
-    ServiceRequest,
     TopicSubscription,
 )
 from llfsm.bridges.ros2.types import RosMessage, RosService
-from llfsm.bridges.ros2.zenoh_transport.graph import (
-    Discovery,
-    data_key,
-    endpoint_token,
-    receive,
-)
+from llfsm.bridges.ros2.zenoh_transport.graph import Discovery, data_key, receive
 from llfsm.whiteboard.message import M
 
 GID_SIZE = 16
@@ -81,25 +77,34 @@ class Connection(NamedTuple):
     """Results of calls, on a thread of their own: callbacks of one may wait for another."""
 
 
-class ZenohEndpoint:
+class Place(NamedTuple):
+    """What an endpoint is made of, whatever its kind."""
+
+    owner: Closable
+    connection: Connection
+    token: str
+    """Its liveliness token."""
+    end: Endpoint
+
+
+class ZenohEndpoint(Closable):
     """An endpoint as it is on the graph: its key, its token, its gid."""
 
-    def __init__(
-        self, connection: Connection, node_token: str, number: int, end: Endpoint, dds_type: str
-    ) -> None:
-        self.connection = connection
-        self.name = end.name
-        self.key = data_key(connection.domain, end.name, dds_type, end.type_hash or "")
-        self._token_key = endpoint_token(node_token, number, end, dds_type)
+    def __init__(self, place: Place, dds_type: str) -> None:
+        super().__init__(place.owner)
+        self.connection = place.connection
+        self.name = place.end.name
+        self.key = data_key(self.connection.domain, self.name, dds_type, place.end.type_hash or "")
         # Messages do not carry their endpoint's token, so rmw_zenoh_cpp derives the gid from it.
-        self.gid = xxhash.xxh3_128_intdigest(self._token_key.encode()).to_bytes(GID_SIZE, "little")
+        self.gid = xxhash.xxh3_128_intdigest(place.token.encode()).to_bytes(GID_SIZE, "little")
+        self._token_key = place.token
         self._token: zenoh.LivelinessToken | None = None
 
-    def show(self) -> None:
+    def _show(self) -> None:
         """Put the endpoint on the graph; to be done last, when it already works."""
         self._token = self.connection.session.liveliness().declare_token(self._token_key)
 
-    def hide(self) -> None:
+    def _hide(self) -> None:
         """Take it off the graph; to be done first."""
         if self._token is not None:
             self._token.undeclare()
@@ -110,29 +115,20 @@ _HEARTBEAT = 0.5  # seconds between reports of what late subscriptions can reque
 _UNKNOWN = MessageInfo(0, 0, b"")
 
 
-class ZenohPublisher(Publisher[M]):
+class _ZenohPublisher(ZenohEndpoint, Publisher[M]):
     """Puts messages under the topic's key."""
 
-    def __init__(
-        self, owner: Closable, endpoint: ZenohEndpoint, of: RosMessage[M], qos: Qos
-    ) -> None:
-        super().__init__(owner)
-        self.name = endpoint.name
-        self.gid = endpoint.gid
-        self._endpoint = endpoint
+    def __init__(self, place: Place, of: RosMessage[M], qos: Qos) -> None:
+        super().__init__(place, of.dds_name)
         self._encode = of.encode
         self._sequence = 0
         self._in_sequence = threading.Lock()
-        self._publisher = _declare_publisher(endpoint, qos)
+        self._publisher = _declare_publisher(self, qos)
         self._put = self._publisher.put
-        endpoint.show()
-
-    def publish(self, message: M) -> None:
-        """Encode and put a message, with its number and the time."""
-        self._send(self._encode(message))
+        self._show()
 
     def forward(self, arrival: SerializedMessage[M]) -> None:
-        """Put a message as it came; Zenoh does not copy what it received itself."""
+        # Zenoh does not copy what it received itself.
         self._send(arrival.payload if isinstance(arrival, _Sample) else arrival.data)
 
     def _send(self, data: bytes | zenoh.ZBytes) -> None:
@@ -147,40 +143,31 @@ class ZenohPublisher(Publisher[M]):
                 raise TransportError(f"{self.name}: {error}") from error
 
     def _close(self) -> None:
-        self._endpoint.hide()
+        self._hide()
         with self._in_sequence:  # Zenoh refuses to undeclare what another thread is using
             self._publisher.undeclare()
 
 
-class ZenohSubscription(TopicSubscription):
+class _ZenohSubscription(ZenohEndpoint, TopicSubscription):
     """Takes the newest messages from a ring that Zenoh fills, on a thread of its own.
 
     What the ring drops never reaches Python.
     """
 
-    def __init__(
-        self,
-        owner: Closable,
-        endpoint: ZenohEndpoint,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos,
-    ) -> None:
-        super().__init__(owner)
-        self.name = endpoint.name
-        self._endpoint = endpoint
-        self._subscriber = _declare_subscriber(endpoint, qos)
-        deliver, decode = endpoint.connection.notifier.deliver, of.decode
+    def __init__(self, place: Place, of: RosMessage[M], qos: Qos, callback: Arrived[M]) -> None:
+        super().__init__(place, of.dds_name)
+        self._subscriber = _declare_subscriber(self, qos)
+        deliver, decode = self.connection.notifier.deliver, of.decode
 
         def take(sample: zenoh.Sample) -> None:
             if not self._closed:
-                deliver(self.name, callback, _Sample(sample, decode, endpoint))
+                deliver(self.name, callback, _Sample(sample, decode, self))
 
-        receive(self._subscriber.handler.recv, take, endpoint.name)
-        endpoint.show()
+        receive(self._subscriber.handler.recv, take, self.name)
+        self._show()
 
     def _close(self) -> None:
-        self._endpoint.hide()
+        self._hide()
         self._subscriber.undeclare()
 
 
@@ -264,38 +251,33 @@ def _kept(qos: Qos) -> int:
     return _ALL if qos.history is HistoryPolicy.KEEP_ALL else qos.depth
 
 
-class ZenohClient(Client[Any, Any]):
+class _ZenohClient(ZenohEndpoint, Client[Any, Any]):
     """Calls a service whose servers are queryables."""
 
-    def __init__(self, owner: Closable, endpoint: ZenohEndpoint, of: RosService) -> None:
-        super().__init__(owner)
-        self.name = endpoint.name
-        self._endpoint = endpoint
+    def __init__(self, place: Place, of: RosService, _: Qos) -> None:
+        super().__init__(place, of.dds_name)
         self._encode = of.request.encode
-        self._call_soon = endpoint.connection.answers.call_soon
+        self._call_soon = self.connection.answers.call_soon
         self._sequence = itertools.count(1)
-        self._calls = PendingCalls(endpoint.name, of.response, endpoint.connection.notifier)
+        self._calls = PendingCalls(self.name, of.response, self.connection.notifier)
         # It knows whether a queryable exists; a server's token may be known too early.
-        self._querier = endpoint.connection.session.declare_querier(
-            endpoint.key, target=zenoh.QueryTarget.ALL_COMPLETE
+        self._querier = self.connection.session.declare_querier(
+            self.key, target=zenoh.QueryTarget.ALL_COMPLETE
         )
-        discovery = endpoint.connection.discovery
         # No callback: it would run on the thread that ends an advanced publisher, for which Zenoh's
         # `undeclare` waits with the interpreter's lock.
         self._listener: Any = self._querier.declare_matching_listener(zenoh.handlers.RingChannel(1))
-        receive(self._listener.handler.recv, discovery.look_again, endpoint.name)
-        endpoint.show()
+        receive(self._listener.handler.recv, self.connection.discovery.look_again, self.name)
+        self._show()
 
     @property
     def ready(self) -> bool:
-        """True if a server with our type can be asked."""
         if self._closed:
             return False
         status: Any = self._querier.matching_status  # its stub says bool
         return bool(status.matching)
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
-        """Send a query; Zenoh enforces the timeout."""
         data = self._encode(request)
         with self._lifetime:
             self._check_open()
@@ -310,14 +292,14 @@ class ZenohClient(Client[Any, Any]):
             self._call_soon(partial(self._on_end, call, served))
 
         try:
-            self._endpoint.connection.session.get(
-                self._endpoint.key,
+            self.connection.session.get(
+                self.key,
                 zenoh.handlers.Callback(on_reply, on_end, indirect=False),  # else a thread each
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=timeout,
+                timeout=timeout,  # which Zenoh enforces
                 payload=data,
-                attachment=pack(next(self._sequence), time.time_ns(), self._endpoint.gid),
+                attachment=pack(next(self._sequence), time.time_ns(), self.gid),
             )
         except zenoh.ZError as error:
             self._calls.failed(call, str(error))
@@ -340,68 +322,65 @@ class ZenohClient(Client[Any, Any]):
         if served or self.ready:
             self._calls.failed(call, "the server gave no answer")
         else:
-            self._calls.unserved(call, self._endpoint.connection.discovery.why_unserved(self.name))
+            self._calls.unserved(call, self.connection.discovery.why_unserved(self.name))
 
     def _close(self) -> None:
-        self._endpoint.hide()
+        self._hide()
         self._calls.close()
         self._listener.undeclare()
         self._querier.undeclare()
-
-    def __str__(self) -> str:
-        return f"the client of {self.name}"
 
 
 _WAITING = 256  # requests that may wait for the handler; beyond, callers block
 
 
-class ZenohServer(Server):
+class _ZenohServer(ZenohEndpoint, Server):
     """Serves a service as a queryable, on a thread of its own."""
 
-    def __init__(
-        self,
-        owner: Closable,
-        endpoint: ZenohEndpoint,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-    ) -> None:
-        super().__init__(owner)
-        self.name = endpoint.name
-        self._endpoint = endpoint
-        self._requests = PendingRequests(endpoint.name, of, handler, endpoint.connection.notifier)
+    def __init__(self, place: Place, of: RosService, _: Qos, handler: Handler) -> None:
+        super().__init__(place, of.dds_name)
+        self._requests = PendingRequests(self.name, of, handler, self.connection.notifier)
         channel: zenoh.handlers.FifoChannel[zenoh.Query] = zenoh.handlers.FifoChannel(_WAITING)
-        self._queryable = endpoint.connection.session.declare_queryable(
-            endpoint.key, channel, complete=True
+        self._queryable = self.connection.session.declare_queryable(
+            self.key, channel, complete=True
         )
-        receive(self._queryable.handler.recv, self._on_query, endpoint.name)
-        endpoint.show()
+        receive(self._queryable.handler.recv, self._on_query, self.name)
+        self._show()
 
     def _on_query(self, query: zenoh.Query) -> None:
         attachment, payload = query.attachment, query.payload
         info = unpack(attachment.to_bytes()) if attachment is not None else None
         data = payload.to_bytes() if payload is not None else b""
-        self._requests.take(data, info, _Reply(query, self._endpoint.key, info))
+        self._requests.take(data, info, _Reply(query, self.key, info))
 
     def _close(self) -> None:
-        self._endpoint.hide()
+        self._hide()
         self._queryable.undeclare()
         self._requests.close()
 
 
-class _Reply:
+class _Reply(NamedTuple):
     """Ends a query with a response. If the caller or the session is gone, nothing happens."""
 
-    def __init__(self, query: zenoh.Query, key: str, info: MessageInfo | None) -> None:
-        self._query = query
-        self._key = key
-        self._info = info
+    query: zenoh.Query
+    key: str
+    info: MessageInfo | None
 
     def answer(self, data: bytes) -> None:
-        assert self._info is not None
-        attachment = pack(self._info.sequence, time.time_ns(), self._info.gid)
-        with self._query as query, suppress(zenoh.ZError):
-            query.reply(self._key, data, attachment=attachment)
+        assert self.info is not None
+        attachment = pack(self.info.sequence, time.time_ns(), self.info.gid)
+        with self.query as query, suppress(zenoh.ZError):
+            query.reply(self.key, data, attachment=attachment)
 
     def fail(self, reason: str) -> None:
-        with self._query as query, suppress(zenoh.ZError):
+        with self.query as query, suppress(zenoh.ZError):
             query.reply_err(reason)
+
+
+ENDPOINTS: dict[Role, Callable[..., ZenohEndpoint]] = {
+    Role.PUBLISHER: _ZenohPublisher,
+    Role.SUBSCRIPTION: _ZenohSubscription,
+    Role.CLIENT: _ZenohClient,
+    Role.SERVER: _ZenohServer,
+}
+"""The class of each kind; made of a place, a type, a QoS and, if it has one, a callback."""

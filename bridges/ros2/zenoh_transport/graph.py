@@ -16,6 +16,7 @@ is the set of tokens at the moment. Each new one is compared with ours of the sa
 from __future__ import annotations
 
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import partial
@@ -91,39 +92,16 @@ def node_token(
     domain: int, session: str, number: int, namespace: str, node: str, enclave: str = ""
 ) -> str:
     """Make a node's token; ``number`` is its own within the session."""
-    return "/".join(
-        (
-            _ROOT,
-            str(domain),
-            session,
-            str(number),
-            str(number),
-            _NODE_CODE,
-            _mangle(enclave),
-            _mangle(namespace),
-            node,
-        )
-    )
+    named = f"{_mangle(enclave)}/{_mangle(namespace)}/{node}"
+    return f"{_ROOT}/{domain}/{session}/{number}/{number}/{_NODE_CODE}/{named}"
 
 
 def endpoint_token(node: str, number: int, end: Endpoint, dds_type: str) -> str:
     """Make the token of an endpoint of the node whose token is ``node``."""
     root, domain, session, node_number, _, _, *named = node.split("/")
-    return "/".join(
-        (
-            root,
-            domain,
-            session,
-            node_number,
-            str(number),
-            _ROLES[end.role],
-            *named,
-            _mangle(end.name),
-            dds_type,
-            end.type_hash or "%",
-            _qos_text(end.qos or _DEFAULT),
-        )
-    )
+    topic = f"{_mangle(end.name)}/{dds_type}/{end.type_hash or '%'}"
+    of = f"{root}/{domain}/{session}/{node_number}/{number}/{_ROLES[end.role]}"
+    return "/".join((of, *named, topic, _qos_text(end.qos or _DEFAULT)))
 
 
 def parse(key: str) -> Token | None:
@@ -256,7 +234,7 @@ class Discovery:
         self._ours = str(session.zid())
         self._notifier = notifier
         self._tokens: dict[str, Token] = {}
-        self._by_name: dict[str, dict[str, Token]] = {}
+        self._by_name: defaultdict[str, dict[str, Token]] = defaultdict(dict)
         self._graph: Graph | None = None
         self._changed = threading.Condition()
         self._over = False
@@ -318,10 +296,7 @@ class Discovery:
         with self._changed:
             self._tokens.pop(key, None)
             if token.endpoint is not None:
-                of_name = self._by_name.get(token.endpoint.name, {})
-                of_name.pop(key, None)
-                if not of_name:
-                    self._by_name.pop(token.endpoint.name, None)
+                self._by_name[token.endpoint.name].pop(key, None)
             self._announce()
 
     def _add(self, key: str, token: Token) -> None:
@@ -329,7 +304,7 @@ class Discovery:
             self._tokens[key] = token
             others = []
             if token.endpoint is not None:
-                of_name = self._by_name.setdefault(token.endpoint.name, {})
+                of_name = self._by_name[token.endpoint.name]
                 others = list(of_name.values())
                 of_name[key] = token
             self._announce()

@@ -12,37 +12,25 @@ import itertools
 import json
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import zenoh
 
 from llfsm.bridges.ros2.defaults import ROUTER
-from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
-from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import (
-    Node,
-    Notice,
-    NoticeKind,
-    Notifier,
-    SerializedMessage,
-    ServiceRequest,
-    Transport,
-    log_notice,
+from llfsm.bridges.ros2.transport import Node, Notice, NoticeKind, Notifier, Transport, log_notice
+from llfsm.bridges.ros2.zenoh_transport.endpoints import ENDPOINTS, Connection, Place, ZenohEndpoint
+from llfsm.bridges.ros2.zenoh_transport.graph import (
+    Discovery,
+    endpoint_token,
+    hand_over,
+    node_token,
 )
-from llfsm.bridges.ros2.types import RosMessage, RosService
-from llfsm.bridges.ros2.zenoh_transport.endpoints import (
-    Connection,
-    ZenohClient,
-    ZenohEndpoint,
-    ZenohPublisher,
-    ZenohServer,
-    ZenohSubscription,
-)
-from llfsm.bridges.ros2.zenoh_transport.graph import Discovery, hand_over, node_token
-from llfsm.whiteboard.message import M
 from llfsm.whiteboard.mirror.settings import endpoint_problem
 from llfsm.whiteboard.mirror.zenoh_internals import error_text
 
@@ -81,12 +69,8 @@ def open_node_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list
         raise TransportUnavailableError(f"router: {problem}")
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     if path:
-        try:
+        with _explaining(f"ZENOH_SESSION_CONFIG_URI={path}: "):
             config = zenoh.Config.from_file(path)
-        except zenoh.ZError as error:
-            raise TransportUnavailableError(
-                f"ZENOH_SESSION_CONFIG_URI={path}: {error_text(error)}"
-            ) from error
     else:
         config = _configured(_ALWAYS | _PEER)
     for entry in filter(None, map(str.strip, os.environ.get(_OVERRIDE, "").split(";"))):
@@ -110,17 +94,21 @@ def _configured(settings: Mapping[str, Any]) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> None:
-    try:
+    with _explaining(source):
         config.insert_json5(name, value)
-    except zenoh.ZError as error:
-        raise TransportUnavailableError(f"{source}{error_text(error)}") from error
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
-    try:
+    with _explaining():
         return zenoh.open(config)
+
+
+@contextmanager
+def _explaining(source: str = "") -> Iterator[None]:
+    try:
+        yield
     except zenoh.ZError as error:
-        raise TransportUnavailableError(error_text(error)) from error
+        raise TransportUnavailableError(f"{source}{error_text(error)}") from error
 
 
 _GRACE = 1.0  # seconds that opening waits for a router before it reports its absence
@@ -174,33 +162,17 @@ class ZenohTransport(Transport):
         """True if it is connected to a router, or configured for none."""
         return not self._router or bool(self._routers)
 
-    def node(
-        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
-    ) -> Node:
-        """Put a node on the graph."""
-        names = Names(name, namespace, remap)
-        with self._lifetime:
-            self._check_open()
-            token = node_token(
-                self.domain,
-                self._session_id,
-                next(self._numbers),
-                names.namespace,
-                name,
-                self._enclave,
-            )
-            return _ZenohNode(self, names, token, self._connection, self._numbers)
+    def _node(self, names: Names) -> Node:
+        number, space = next(self._numbers), names.namespace
+        token = node_token(self.domain, self._session_id, number, space, names.node, self._enclave)
+        return _ZenohNode(self, names, token, self._connection, self._numbers)
 
     def graph(self) -> Graph:
         """Return the graph that the tokens describe now."""
         return self._discovery.graph()
 
-    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready(graph)`` is true."""
-        done = self._discovery.wait(ready, timeout)
-        if done is None:
-            raise TransportClosedError(f"{self} is closed")
-        return done
+    def _wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
+        return self._discovery.wait(ready, timeout)
 
     def __str__(self) -> str:
         return "the transport on Zenoh"
@@ -256,42 +228,9 @@ class _ZenohNode(Node):
         self._numbers = numbers
         self._token = connection.session.liveliness().declare_token(token)
 
-    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
-        with self._lifetime:
-            return ZenohPublisher(self, self._endpoint(Role.PUBLISHER, topic, of, qos), of, qos)
-
-    def subscription(
-        self,
-        topic: str,
-        of: RosMessage[M],
-        callback: Callable[[SerializedMessage[M]], None],
-        qos: Qos = TOPIC,
-    ) -> ZenohSubscription:
-        with self._lifetime:
-            endpoint = self._endpoint(Role.SUBSCRIPTION, topic, of, qos)
-            return ZenohSubscription(self, endpoint, of, callback, qos)
-
-    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
-        with self._lifetime:
-            return ZenohClient(self, self._endpoint(Role.CLIENT, service, of, qos), of)
-
-    def server(
-        self,
-        service: str,
-        of: RosService,
-        handler: Callable[[ServiceRequest[Any, Any]], None],
-        qos: Qos = SERVICE,
-    ) -> ZenohServer:
-        with self._lifetime:
-            return ZenohServer(self, self._endpoint(Role.SERVER, service, of, qos), of, handler)
-
-    def _endpoint(
-        self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos
-    ) -> ZenohEndpoint:
-        end = self._end(role, name, of, qos)
-        return ZenohEndpoint(
-            self._connection, self._token_key, next(self._numbers), end, of.dds_name
-        )
+    def _make(self, end: Endpoint, of: Any, qos: Qos, *callback: Any) -> ZenohEndpoint:
+        token = endpoint_token(self._token_key, next(self._numbers), end, of.dds_name)
+        return ENDPOINTS[end.role](Place(self, self._connection, token, end), of, qos, *callback)
 
     def _close(self) -> None:
         self._token.undeclare()

@@ -1,8 +1,8 @@
 // The board: a row for each slot, which expands to a tree of its value.
 
-import { $, Pace, Sight, copy, make, setData, setText, toast } from "./dom.js";
+import { $, Pace, Sight, actions, button, copy, make, place, setData, setText, toast } from "./dom.js";
 import { byName, duration, number, rate, short } from "./format.js";
-import { openForm } from "./form.js";
+import { closer, openForm, openSheet } from "./form.js";
 import { nameParts } from "./names.js";
 import { actual, parts, plain } from "./schema.js";
 import { spark, tree } from "./tree.js";
@@ -33,43 +33,22 @@ class Row {
   constructor(slot, board) {
     this.board = board;
     this.name = make("span", { class: "whole" });
-    this.pin = make("button", {
-      class: "pin",
-      type: "button",
-      tabindex: "-1",
-      title: "Pin (p)",
-      "aria-label": `Pin ${slot.name}`,
-      onclick: (event) => {
-        event.stopPropagation();
-        board.togglePin(this.slot.name);
-      },
-    }, "★");
+    const pin = (event) => {
+      event.stopPropagation();
+      board.togglePin(this.slot.name);
+    };
+    this.pin = button("★", pin, { class: "pin", tabindex: "-1", title: "Pin (p)", "aria-label": `Pin ${slot.name}` });
     this.value = make("span", { class: "short" });
     this.canvas = make("canvas", { class: "spark", "aria-hidden": "true" });
     this.rate = make("span", { class: "rate right" });
     this.count = make("span", { class: "count right" });
     this.age = make("span", { class: "age right" });
+    const acts = { onclick: () => this.toggle(), onfocus: () => board.focusOn(this) };
     this.line = make(
       "div",
-      {
-        class: "line",
-        role: "button",
-        tabindex: "-1",
-        "aria-expanded": "false",
-        onclick: () => this.toggle(),
-        onfocus: () => board.focusOn(this),
-      },
-      make(
-        "span",
-        { class: "name", title: `${slot.name}  ${slot.type}` },
-        this.pin,
-        this.name,
-      ),
-      this.value,
-      this.canvas,
-      this.rate,
-      this.count,
-      this.age,
+      { class: "line", role: "button", tabindex: "-1", "aria-expanded": "false", ...acts },
+      make("span", { class: "name", title: `${slot.name}  ${slot.type}` }, this.pin, this.name),
+      ...[this.value, this.canvas, this.rate, this.count, this.age],
     );
     this.canvas.addEventListener("sized", () => {
       this.stale = true;
@@ -115,12 +94,10 @@ class Row {
       { class: "detail" },
       this.facts,
       this.body,
-      make(
-        "p",
-        { class: "actions" },
-        make("button", { type: "button", title: "c", onclick: () => this.copy() }, "Copy"),
-        make("button", { type: "button", title: "s", onclick: () => this.showSchema() }, "Schema"),
-        ...(control ? [make("button", { type: "button", onclick: () => this.post() }, "Post …")] : []),
+      actions(
+        button("Copy", () => this.copy(), { title: "c" }),
+        button("Schema", () => this.showSchema(), { title: "s" }),
+        ...(control ? [button("Post …", () => this.post())] : []),
       ),
     );
     this.element.append(this.detail);
@@ -184,18 +161,7 @@ class Row {
 
   showSchema() {
     const text = JSON.stringify(this.slot.schema, null, 2);
-    const sheet = $("sheet");
-    setText($("sheet-head"), this.slot.name);
-    $("sheet-body").replaceChildren(
-      make("pre", { tabindex: "0" }, text),
-      make(
-        "p",
-        { class: "actions" },
-        make("button", { type: "button", onclick: () => copy(text) }, "Copy"),
-        make("button", { type: "button", onclick: () => sheet.close() }, "Close"),
-      ),
-    );
-    sheet.showModal();
+    openSheet(this.slot.name, make("pre", { tabindex: "0" }, text), actions(button("Copy", () => copy(text)), closer()));
   }
 
   post() {
@@ -336,12 +302,4 @@ export class Board {
   redraw() {
     for (const row of this.rows.values()) row.stale = true;
   }
-}
-
-// Makes these the children, moving only those that are out of place.
-function place(parent, elements) {
-  elements.forEach((element, i) => {
-    if (parent.children[i] !== element) parent.insertBefore(element, parent.children[i] ?? null);
-  });
-  while (parent.children.length > elements.length) parent.lastChild.remove();
 }

@@ -1,6 +1,6 @@
 // A machine's card: its diagram, timeline, variables, sensors, and what can be done with it.
 
-import { icon, make, setData, setText, toast } from "./dom.js";
+import { button, icon, make, setData, setText, toast } from "./dom.js";
 import { Debugging } from "./debugging.js";
 import { Diagram } from "./diagram.js";
 import { clock, number, short } from "./format.js";
@@ -20,31 +20,20 @@ export class Card {
     this.order = []; // of states, for their colours
     this.stale = true;
     this.ended = false;
-    this.fold = make("button", {
-      class: "quiet fold",
-      type: "button",
-      "aria-label": `Fold ${name}`,
-      onclick: () => this.setFolded(!this.folded),
-    }, icon("M4 6l4 4 4-4"));
+    const fold = { class: "quiet fold", "aria-label": `Fold ${name}` };
+    this.fold = button(icon("M4 6l4 4 4-4"), () => this.setFolded(!this.folded), fold);
     this.calledBy = "";
     this.caller = make("span", { class: "caller" });
     this.state = make("span", { class: "now" });
     this.since = make("span", { class: "since" });
     this.condition = make("span", { class: "pill" });
-    this.code = make("button", {
+    const code = { class: "quiet", "aria-pressed": "false", title: "Show or hide the states’ code" };
+    this.code = button("Code", () => this.toggleSections(), code);
+    this.large = button(icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"), () => this.setLarge(!this.isLarge), {
       class: "quiet",
-      type: "button",
-      "aria-pressed": "false",
-      title: "Show or hide the states’ code",
-      onclick: () => this.toggleSections(),
-    }, "Code");
-    this.large = make("button", {
-      class: "quiet",
-      type: "button",
       title: "Fill the window (Enter), and back (Esc)",
       "aria-label": `Fill the window with ${name}`,
-      onclick: () => this.setLarge(!this.isLarge),
-    }, icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"));
+    });
     this.control = make("div", { class: "control" });
     this.error = make("p", { class: "error", role: "status", hidden: true });
     this.timeline = new Timeline(name, (state) => this.indexOf(state));
@@ -57,24 +46,15 @@ export class Card {
       "div",
       { class: "zoom" },
       ...[["+", "Zoom in (+)", (d) => d.zoom(1.25)], ["−", "Zoom out (-)", (d) => d.zoom(0.8)], ["Fit", "Fit (0)", (d) => d.fit()], ["Follow", "Follow the current state (.)", (d) => d.follow()]].map(
-        ([text, title, act]) =>
-          make("button", { type: "button", title, "aria-label": title, onclick: () => this.diagram && act(this.diagram) }, text),
+        ([text, title, act]) => button(text, () => this.diagram && act(this.diagram), { title, "aria-label": title }),
       ),
     );
     this.element = make(
       "article",
       { class: "card", "data-machine": name },
-      make(
-        "header",
-        {},
-        this.fold,
-        make("h3", { title: name }, name),
-        this.caller,
-        this.condition,
-        make("span", { class: "where" }, this.state, this.since),
-        this.code,
-        this.large,
-      ),
+      make("header", {},
+        this.fold, make("h3", { title: name }, name), this.caller, this.condition,
+        make("span", { class: "where" }, this.state, this.since), this.code, this.large),
       this.timeline.element,
       this.error,
       this.debugging.element,
@@ -136,19 +116,16 @@ export class Card {
   allowControl() {
     this.debugging.allowControl(this.panel.leaseS);
     this.buttons = ACTIONS.map((action) =>
-      make("button", {
-        type: "button",
-        "data-action": action,
-        onclick: async () => {
-          try {
-            toast(await this.panel.ask({ type: "ask", machine: this.name, action }));
-          } catch (error) {
-            toast(error.message, "problem");
-          }
-        },
-      }, action[0].toUpperCase() + action.slice(1)),
-    );
+      button(action[0].toUpperCase() + action.slice(1), () => this.request(action), { "data-action": action }));
     this.control.replaceChildren(...this.buttons);
+  }
+
+  async request(action) {
+    try {
+      toast(await this.panel.ask({ type: "ask", machine: this.name, action }));
+    } catch (error) {
+      toast(error.message, "problem");
+    }
   }
 
   indexOf(state) {

@@ -83,8 +83,6 @@ export class Changes {
     this.stale = true;
   }
 
-  redraw() {}
-
   draw(time) {
     if (this.marked === null || !this.stale || !this.pace.isDue(time)) return;
     this.stale = false;

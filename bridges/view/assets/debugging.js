@@ -1,6 +1,6 @@
 // Debugging a machine: pause and step, breakpoints, and why it is in its state.
 
-import { make, setData, setText, toast } from "./dom.js";
+import { button, make, setData, setText, toast } from "./dom.js";
 import { duration } from "./format.js";
 import { Kept } from "./kept.js";
 
@@ -41,11 +41,11 @@ export class Debugging {
 
   allowControl(leaseS) {
     this.leaseS = leaseS; // seconds that a pause or an override lasts which nobody renews
-    const button = (text, title, action, argument = "") =>
-      make("button", { type: "button", title, "data-debug": argument || action, onclick: () => this.send(action, argument) }, text);
-    this.pause = button("Pause", "Pause all machines of this process before their next turn", "pause");
-    this.steps = STEPS.map(([text, argument, title]) => button(text, title, "step", argument));
-    this.go = button("Continue", "Let them go on", "continue");
+    const sender = (text, title, action, argument = "") =>
+      button(text, () => this.send(action, argument), { title, "data-debug": argument || action });
+    this.pause = sender("Pause", "Pause all machines of this process before their next turn", "pause");
+    this.steps = STEPS.map(([text, argument, title]) => sender(text, title, "step", argument));
+    this.go = sender("Continue", "Let them go on", "continue");
     this.controls.replaceChildren(this.pause, ...this.steps, this.go);
     this.controls.after(
       this.entry(`New breakpoint of ${this.name}`, "Break at STATE, STATE->TARGET if x > 9 …", (text) => this.add(text)),
@@ -156,7 +156,7 @@ export class Debugging {
   }
 
   chip(text, title, onclick) {
-    return make("button", { type: "button", class: "quiet", title, disabled: !this.pause, onclick }, text);
+    return button(text, onclick, { class: "quiet", title, disabled: !this.pause });
   }
 }
 

@@ -44,14 +44,20 @@ export function box(state) {
 export function start(arrow) {
   if (!arrow) return [];
   const [x, y] = arrow.curve[0];
+  return [makeSvg("g", { class: "start" }, makeSvg("circle", { cx: x, cy: y, r: 5 }), ...line(arrow))];
+}
+
+// The line of an arrow, and its head.
+function line({ curve, head }) {
+  return [makeSvg("path", { d: path(curve) }), makeSvg("polygon", { points: head.map(point).join(" ") })];
+}
+
+// A transition with what else is under its line: its arrow, and its label.
+export function transition(edge, ...under) {
+  const mark = { "data-transition": `${edge.source}:${edge.number}` };
   return [
-    makeSvg(
-      "g",
-      { class: "start" },
-      makeSvg("circle", { cx: x, cy: y, r: 5 }),
-      makeSvg("path", { d: path(arrow.curve) }),
-      makeSvg("polygon", { points: arrow.head.map(point).join(" ") }),
-    ),
+    makeSvg("g", { ...mark, class: "transition" }, ...under, ...line(edge)),
+    makeSvg("g", { ...mark, class: "transition label" }, rect(edge.label.frame, { rx: 4 }), ...lines(edge.label.lines)),
   ];
 }
 
@@ -62,27 +68,8 @@ export class Diagram {
     this.places = new Map(data.boxes.map((each) => [each.state, each.frame]));
     this.current = null;
     this.isFollowing = false;
-    this.edges = [];
-    const arrows = [];
-    const labels = [];
-    for (const edge of data.edges) {
-      const mark = { class: "transition", "data-transition": `${edge.source}:${edge.number}` };
-      const arrow = makeSvg(
-        "g",
-        mark,
-        makeSvg("path", { d: path(edge.curve) }),
-        makeSvg("polygon", { points: edge.head.map(point).join(" ") }),
-      );
-      const label = makeSvg(
-        "g",
-        { ...mark, class: "transition label" },
-        rect(edge.label.frame, { rx: 4 }),
-        ...lines(edge.label.lines),
-      );
-      arrows.push(arrow);
-      labels.push(label);
-      this.edges.push({ ...edge, elements: [arrow, label], timer: 0 });
-    }
+    this.edges = data.edges.map((edge) => ({ ...edge, elements: transition(edge), timer: 0 }));
+    const [arrows, labels] = [0, 1].map((i) => this.edges.map(({ elements }) => elements[i]));
     const boxes = data.boxes.map((each) => {
       const element = box(each);
       this.states.set(each.state, element);

@@ -23,9 +23,26 @@ export function makeSvg(tag, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG, tag), attributes, children);
 }
 
+export function button(content, onclick, attributes = {}) {
+  return make("button", { type: "button", onclick, ...attributes }, content);
+}
+
+// Some buttons, side by side.
+export function actions(...buttons) {
+  return make("p", { class: "actions" }, ...buttons);
+}
+
 // An icon for a button, from a path in a square of 16.
 export function icon(d) {
   return makeSvg("svg", { class: "icon", viewBox: "0 0 16 16", "aria-hidden": "true" }, makeSvg("path", { d }));
+}
+
+// Makes these the children, moving only those that are out of place.
+export function place(parent, elements) {
+  elements.forEach((element, i) => {
+    if (parent.children[i] !== element) parent.insertBefore(element, parent.children[i] ?? null);
+  });
+  while (parent.children.length > elements.length) parent.lastChild.remove();
 }
 
 export function setText(element, text) {
@@ -106,12 +123,17 @@ export function context(canvas) {
   return Object.assign(drawing, { wide: width, high: height });
 }
 
-// Colours of the style sheet for canvases, cached until the theme changes.
+export const sans = getComputedStyle(document.body).fontFamily; // for canvases
+export const isDark = () => document.documentElement.dataset.theme === "dark";
+
+// Colours of the style sheet for canvases, cached until the theme changes. An element has them as they are in that theme.
 const read = new Map();
+const probe = document.head.appendChild(make("i"));
 
 export function color(name) {
   if (!read.has(name)) {
-    read.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+    probe.style.color = `var(--${name})`;
+    read.set(name, getComputedStyle(probe).color);
   }
   return read.get(name);
 }

@@ -1,6 +1,6 @@
 // The turtles on their field: poses and trails.
 
-import { $, color, context, setText } from "./dom.js";
+import { $, color, context, isDark, sans, setText } from "./dom.js";
 import { hue } from "./timeline.js";
 
 const POSE = "turtlesim/msg/Pose";
@@ -108,7 +108,7 @@ export class Field {
   }
 
   drawTrail(drawing, trail, tone, x, y) {
-    drawing.strokeStyle = `hsl(${tone} 65% ${color("dark") === "1" ? 62 : 45}% / 0.75)`;
+    drawing.strokeStyle = `hsl(${tone} 65% ${isDark() ? 62 : 45}% / 0.75)`;
     drawing.lineWidth = 2;
     drawing.lineJoin = drawing.lineCap = "round";
     drawing.beginPath();
@@ -144,7 +144,7 @@ export class Field {
     oval(0, 0, 17.5, 15, 0, `hsl(${tone} 60% 24%)`);
     oval(0, 0, 15, 12.5, 0, `hsl(${tone} 52% 44%)`);
     drawing.restore();
-    drawing.font = `600 11px ${color("sans")}`;
+    drawing.font = `600 11px ${sans}`;
     drawing.textAlign = "center";
     drawing.fillStyle = color("field-ink");
     drawing.fillText(turtle.name, 0, py < 1.2 ? -24 : 32);

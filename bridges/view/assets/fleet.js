@@ -34,7 +34,7 @@ function take(frame) {
 }
 
 function makeRow(name) {
-  const cell = (part, more = "") => make("span", { class: `${part} ${more}` });
+  const cell = (part, more = "") => make("span", { class: `${part} ${more}`, "data-head": part });
   return make("a", { class: "host", href: withToken(`/host/${name}/`, link.token), "data-host": name },
     make("span", { class: "name" }, make("b", {}, name), make("small")),
     make("span", {}, cell("state", "pill")),

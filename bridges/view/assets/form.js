@@ -1,6 +1,6 @@
 // A form to post a message, made from the slot's schema and filled with its latest message.
 
-import { $, make, setText, toast } from "./dom.js";
+import { $, actions, button, make, setText, toast } from "./dom.js";
 import { actual, isNumber, parts, plain } from "./schema.js";
 
 const MOST_ITEMS = 8; // that have fields of their own
@@ -26,12 +26,8 @@ function group(name, schema, value) {
     key,
     ...fieldOf(key, part, Array.isArray(value) ? value[i] : undefined),
   ]);
-  const element = make(
-    "fieldset",
-    {},
-    ...(name ? [make("legend", {}, name)] : []),
-    ...inner.map(([, field]) => field),
-  );
+  const legend = name ? [make("legend", {}, name)] : [];
+  const element = make("fieldset", {}, ...legend, ...inner.map(([, field]) => field));
   return [element, () => Object.fromEntries(inner.map(([key, , read]) => [key, read()]))];
 }
 
@@ -64,18 +60,10 @@ function check(name, value) {
 
 function numeric(name, schema, value) {
   const whole = schema.type === "integer";
-  const limits = [schema.minimum, schema.maximum];
-  const input = make("input", {
-    type: "number",
-    step: whole ? "1" : "any",
-    min: limits[0],
-    max: limits[1],
-    required: true,
-  });
+  const { minimum: min, maximum: max } = schema;
+  const input = make("input", { type: "number", step: whole ? "1" : "any", min, max, required: true });
   input.value = String(value ?? 0);
-  const hint = limits.some((limit) => limit !== undefined)
-    ? `${limits[0] ?? "…"} to ${limits[1] ?? "…"}`
-    : "";
+  const hint = (min ?? max) === undefined ? "" : `${min ?? "…"} to ${max ?? "…"}`;
   return [labelled(name, input, hint), () => Number(input.value)];
 }
 
@@ -99,8 +87,15 @@ function json(name, schema, value) {
   return [labelled(name, input, "JSON"), read];
 }
 
+export function openSheet(head, ...parts) {
+  setText($("sheet-head"), head);
+  $("sheet-body").replaceChildren(...parts);
+  $("sheet").showModal();
+}
+
+export const closer = () => button("Close", () => $("sheet").close());
+
 export function openForm(slot, post) {
-  const sheet = $("sheet");
   const [element, read] = fieldOf("", slot.schema, parts(slot.schema, slot.value) && slot.value);
   const problem = make("p", { class: "problem", role: "alert", hidden: true });
   const form = make(
@@ -120,14 +115,7 @@ export function openForm(slot, post) {
     make("p", { class: "facts" }, slot.type),
     element,
     problem,
-    make(
-      "p",
-      { class: "actions" },
-      make("button", { class: "primary" }, "Post"),
-      make("button", { type: "button", onclick: () => sheet.close() }, "Close"),
-    ),
+    actions(make("button", { class: "primary" }, "Post"), closer()),
   );
-  setText($("sheet-head"), `Post to ${slot.name}`);
-  $("sheet-body").replaceChildren(form);
-  sheet.showModal();
+  openSheet(`Post to ${slot.name}`, form);
 }

@@ -1,6 +1,6 @@
 // What has happened, the newest first. It is asked for only while it is shown.
 
-import { $, Pace, make, setData, setText } from "./dom.js";
+import { $, Pace, button, make, setData, setText } from "./dom.js";
 import { exact } from "./format.js";
 
 const PULL_MS = 400; // between two requests
@@ -40,10 +40,6 @@ export class EventLog {
     this.pace.now();
   }
 
-  update() {}
-
-  redraw() {}
-
   draw(time) {
     if (this.folded || this.pulling || !this.pace.isDue(time)) return;
     this.pull();
@@ -79,18 +75,14 @@ export class EventLog {
   }
 
   row([time, machine, kind, text]) {
-    return make(
-      "tr",
-      { "data-kind": kind },
+    return make("tr", { "data-kind": kind },
       make("td", {}, this.span === null ? timeOfDay(time) : this.link(time)),
-      make("th", { scope: "row", title: machine }, machine),
-      make("td", {}, text),
-    );
+      make("th", { scope: "row", title: machine }, machine), make("td", {}, text));
   }
 
   link(time) {
     const shown = `${exact(Number(time.toFixed(3)))} s`;
-    return make("button", { type: "button", class: "quiet", title: "Go to this moment", onclick: () => this.seek(time) }, shown);
+    return button(shown, () => this.seek(time), { class: "quiet", title: "Go to this moment" });
   }
 }
 

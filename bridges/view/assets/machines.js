@@ -1,6 +1,6 @@
 // The machines: a card each, which are found, folded and put in order.
 
-import { $, Pace, Sight, setData, setText } from "./dom.js";
+import { $, Pace, Sight, place, setData, setText } from "./dom.js";
 import { Card } from "./card.js";
 import { byName } from "./format.js";
 
@@ -63,13 +63,9 @@ export class Machines {
     const names = [...this.cards.keys()].sort(byName);
     const running = nested(names.filter((name) => !ended(name)), (name) => this.callerOf(name));
     const over = names.filter(ended).map((name) => [name, 0]);
-    const parent = $("cards");
-    [...running, ...over].forEach(([name, depth], i) => {
-      const card = this.cards.get(name);
-      card.setCaller(this.callerOf(name), depth);
-      if (parent.children[i] !== card.element) parent.insertBefore(card.element, parent.children[i] ?? null);
-    });
-    setData(parent, "many", String(names.length > 1));
+    for (const [name, depth] of [...running, ...over]) this.cards.get(name).setCaller(this.callerOf(name), depth);
+    place($("cards"), [...running, ...over].map(([name]) => this.cards.get(name).element));
+    setData($("cards"), "many", String(names.length > 1));
     this.search();
   }
 
@@ -91,10 +87,7 @@ export class Machines {
     const total = this.cards.size;
     setText($("machines-number"), this.words ? `${shown} of ${total}` : String(total));
     $("machines-empty").hidden = shown > 0;
-    setText(
-      $("machines-empty"),
-      total ? "No machine or state has this name." : "No machines on this board yet.",
-    );
+    setText($("machines-empty"), total ? "No machine or state has this name." : "No machines on this board yet.");
     const open = [...this.cards.values()].some((card) => !card.folded);
     setText($("machines-fold"), open ? "Fold all" : "Unfold all");
   }
@@ -128,12 +121,12 @@ export class Machines {
 function nested(names, callerOf) {
   const called = Map.groupBy(names, callerOf);
   const depths = new Map();
-  const place = (name, depth) => {
+  const put = (name, depth) => {
     if (depths.has(name)) return;
     depths.set(name, depth);
-    for (const each of called.get(name) ?? []) place(each, depth + 1);
+    for (const each of called.get(name) ?? []) put(each, depth + 1);
   };
-  for (const name of called.get("") ?? []) place(name, 0);
-  for (const name of names) place(name, 0); // those that call each other in a ring: no machines do
+  for (const name of called.get("") ?? []) put(name, 0);
+  for (const name of names) put(name, 0); // those that call each other in a ring: no machines do
   return depths;
 }

@@ -34,7 +34,7 @@ let drawn = 0;
 
 function take(frame) {
   const changed = model.apply(frame);
-  for (const view of views) view.update(changed);
+  for (const view of views) view.update?.(changed);
   if (machines.canControl) renewals.look();
   if ("trouble" in frame) showTrouble(frame.trouble);
   if ("contested" in frame) showContested(frame.contested);
@@ -72,7 +72,7 @@ function showLink(state, problem = "", about = null) {
 }
 
 function redraw() {
-  for (const view of views) view.redraw();
+  for (const view of views) view.redraw?.();
   dirty = true;
 }
 

@@ -53,7 +53,6 @@ export function listKeys(pairs) {
 export function showTrouble(text) {
   setText($("trouble"), text ? text[0].toUpperCase() + text.slice(1) : "");
   $("trouble").hidden = !text;
-  document.body.classList.toggle("stale", Boolean(text));
 }
 
 const LINKS = {

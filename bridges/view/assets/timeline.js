@@ -1,6 +1,6 @@
 // The states of a machine over time, as coloured bands, with an axis and a legend.
 
-import { color, context, make, setText } from "./dom.js";
+import { color, context, isDark, make, sans, setText } from "./dom.js";
 import { duration } from "./format.js";
 import { ticks } from "./ticks.js";
 
@@ -34,7 +34,7 @@ export class Timeline {
     if (!drawing) return;
     const { wide } = drawing;
     const [from, to] = span === null ? [-SHOWN_S, 0] : [0, span];
-    drawing.font = `10px ${color("sans")}`;
+    drawing.font = `10px ${sans}`;
     drawing.textBaseline = "middle";
     const place = (time) => ((time - from) / (to - from || 1)) * wide;
     this.ticks = ticks(from, to, wide / LABEL).map(([time, text]) => [place(time), time || span !== null ? text : "now"]);
@@ -54,11 +54,11 @@ export class Timeline {
     const { wide, high } = drawing;
     const [from, to] = span === null ? [now - SHOWN_S, now] : [0, span];
     const x = (time) => ((time - from) / (to - from || 1)) * wide;
-    const dark = color("dark") === "1";
+    const dark = isDark();
     this.bands = [];
     drawing.fillStyle = color("line");
     for (const [left] of this.ticks) drawing.fillRect(Math.round(left), 0, 1, high);
-    drawing.font = `11px ${color("sans")}`;
+    drawing.font = `11px ${sans}`;
     drawing.textBaseline = "middle";
     let i = Math.max(0, changes.length - 1); // an ended machine may have none
     while (i > 0 && changes[i][0] > from) i -= 1;

@@ -28,7 +28,7 @@ from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans import Plan, Verification, assemble, line_of, read_plan
+from llfsm.runtime.plans import Plan, Verification, line_of, read_plan
 from llfsm.whiteboard import Whiteboard
 
 
@@ -47,7 +47,9 @@ def check(machines: tuple[str, ...], types: bool) -> None:
     llfsm check robot.toml
     llfsm check --types patrol.py
     """
-    found = {finding for machine in machines for finding in _check(machine)}
+    found = set()
+    for name in machines:
+        found.update(_check_file(Path(name)) if name.endswith(".toml") else _check_machine(name))
     if types:
         found.update(check_types(_readable(machines)))
     findings = sorted(found)
@@ -59,10 +61,6 @@ def check(machines: tuple[str, ...], types: bool) -> None:
         raise click.exceptions.Exit(1)
 
 
-def _check(name: str) -> list[Finding]:
-    return _check_file(Path(name)) if name.endswith(".toml") else _check_machine(name)
-
-
 def _check_file(file: Path) -> list[Finding]:
     """Check the machines of an arrangement file, then what they are together."""
     try:
@@ -71,10 +69,10 @@ def _check_file(file: Path) -> list[Finding]:
         return [Finding(str(file.absolute()), 1, "error", error.message)]
     if any(each.severity == "error" for each in found):
         return found
-    resolved = parse_arguments([str(file)], None, (), ())
+    resolved = parse_arguments([str(file)])
     try:
         environment = BoardEnvironment(Whiteboard.local())  # loaded, but never given a turn
-        assemble(resolved.plan, resolved.classes, environment, library=resolved.library)
+        resolved.assemble(environment)
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan)
@@ -91,16 +89,10 @@ def _check_verification(file: Path, plan: Plan) -> list[Finding]:
     try:
         VerifiedMachines([str(file)], Verification()).options()
     except (LlfsmError, click.UsageError) as error:
-        return [Finding(str(file.absolute()), _line_of_verify(file), "error", _what(error))]
+        what = error.message if isinstance(error, click.UsageError) else str(error)
+        line = line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
+        return [Finding(str(file.absolute()), line, "error", what)]
     return []
-
-
-def _line_of_verify(file: Path) -> int:
-    return line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
-
-
-def _what(error: LlfsmError | click.UsageError) -> str:
-    return error.message if isinstance(error, click.UsageError) else str(error)
 
 
 def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:

@@ -81,7 +81,7 @@ def _overview(file: str, form: str) -> str | bytes:
         raise click.UsageError(
             f"an arrangement is drawn as {' or '.join(_PICTURES)}, not as {form}"
         )
-    resolved = parse_arguments([file], None, (), ())
+    resolved = parse_arguments([file])
     found = zip(resolved.classes.items(), resolved.plan.machines, strict=True)
     machines = {
         name: links_of(cls, planned.slots, requests_of(cls, planned.variables))

@@ -58,7 +58,6 @@ def edit(
     port: int,
     no_open: bool,
     control: bool,
-    until_eof: bool,
 ) -> None:
     """Draw, write, check and simulate MACHINE, a .machine bundle, on a page, until Ctrl-C.
 
@@ -78,8 +77,7 @@ def edit(
     llfsm edit Patrol -b robot --control
     llfsm edit robot.toml
     """
-    if until_eof:
-        end_with_input()
+    end_with_input()
     if control and board is None:
         raise click.UsageError("--control is for a live machine: add --board")
     opened = _opened_plan(Path(machine)) if machine.endswith(".toml") else _opened(machine)

@@ -15,7 +15,7 @@ from llfsm.runtime.presence.guard import GuardThread
 @click.command()
 @board_option
 @until_eof_option
-def guard(board: BoardPlace, until_eof: bool) -> None:
+def guard(board: BoardPlace) -> None:
     """Post the safe values of machines whose processes die without shutting down, until Ctrl-C.
 
     Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too. One guard is enough; of several,
@@ -28,6 +28,5 @@ def guard(board: BoardPlace, until_eof: bool) -> None:
     logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()), GuardThread(*board):
-        if until_eof:
-            end_with_input()
+        end_with_input()
         asked.wait()

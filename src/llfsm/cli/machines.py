@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
@@ -25,7 +25,18 @@ import llfsm
 from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans import Plan, PlannedMachine, names_of, read_dispatch_table, read_plan
+from llfsm.runtime.plans import (
+    Plan,
+    PlannedMachine,
+    assemble,
+    names_of,
+    read_dispatch_table,
+    read_plan,
+)
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.environment import Environment
 
 _HERE = (Path(),)
 _PYTHON = ".py"
@@ -258,6 +269,10 @@ class ResolvedPlan:
         bundles = [path.parent for path in beside if path.suffix == SUFFIX]
         self.library = _MachineFinder(self.classes.values(), dict.fromkeys([*folders, *bundles]))
 
+    def assemble(self, environment: Environment, **options: Any) -> Arrangement:
+        """Load the machines into an environment, as `assemble` of `llfsm.runtime.plans` does."""
+        return assemble(self.plan, self.classes, environment, library=self.library, **options)
+
     def set(self, texts: Iterable[str]) -> None:
         """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``.
 
@@ -306,9 +321,9 @@ class _MachineFinder:
 
 def parse_arguments(
     arguments: Iterable[str],
-    table: Path | None,
-    suspended: Iterable[str],
-    preloaded: Iterable[str],
+    table: Path | None = None,
+    suspended: Iterable[str] = (),
+    preloaded: Iterable[str] = (),
 ) -> ResolvedPlan:
     """Make the plan of the arguments of ``llfsm run``: machines, settings, or a plan's file.
 

@@ -33,6 +33,11 @@ class Number(click.FloatRange):
     name = "number"
 
 
+def file_option(*names: str, **settings: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make an option that takes the path of a file."""
+    return click.option(*names, metavar="FILE", type=click.Path(path_type=Path), **settings)
+
+
 directory_option = click.option(
     "--directory",
     metavar="DIR",
@@ -111,11 +116,9 @@ local_option = click.option(
     help="Use a whiteboard private to this process, which needs no shared memory.",
 )
 
-record_option = click.option(
+record_option = file_option(
     "--record",
     "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
 )
 
@@ -142,10 +145,8 @@ def checked_host(value: str) -> str:
     return value
 
 
-topics_option = click.option(
+topics_option = file_option(
     "--config",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="A bridge's configuration, which maps a bag's topics to slots; by default, by name.",
 )
 
@@ -162,11 +163,16 @@ trust_option = click.option(
     help="Run the machines that the file names, from the folder that it names.",
 )
 
+_UNTIL_EOF = "llfsm.until_eof"
+
 until_eof_option = click.option(
     "--until-eof",
     is_flag=True,
+    expose_value=False,
+    callback=lambda context, _, given: context.meta.update({_UNTIL_EOF: given}),
     help="End when standard input closes, as under a supervisor.",
 )
+"""A command that has it calls :func:`end_with_input` once it can end well."""
 
 
 def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -202,10 +208,12 @@ def given_option(*names: str) -> str | None:
 
 
 def end_with_input() -> None:
-    """Send this process SIGTERM when its standard input is closed.
+    """With ``--until-eof``, send this process SIGTERM when its standard input is closed.
 
     A supervisor that holds the other end of the pipe thus ends its processes even if it is killed.
     """
+    if not click.get_current_context().meta.get(_UNTIL_EOF):
+        return
 
     def wait() -> None:
         while os.read(0, 4096):

@@ -17,10 +17,10 @@ from msgspec.structs import astuple
 from llfsm.cli.options import BoardPlace, board_option, fleet_option, host_option
 from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.presence.hosts import FleetReader, HostNames, Shown
-from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text
+from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text, shown_fields
 from llfsm.runtime.presence.slot_ownership import contested_slots, described
 from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import Commander, status_slot
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.poller import BoardPoller, is_data
 from llfsm.whiteboard.schema import to_plain
@@ -170,6 +170,7 @@ def require_host(fleet: FleetReader) -> None:
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:
     status = machine.status
+    core = "" if status.cpu < 0 else f" on core {status.cpu}"
     return (
         machine.name,
         status.state,
@@ -178,7 +179,7 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
         str(status.ringlets),
         str(status.overruns),
         str(status.pid),
-        _scheduling(status),
+        f"FIFO {status.realtime}{core}" if status.realtime else "",
     )
 
 
@@ -195,35 +196,21 @@ def _left_s(left_s: float | None, silent_s: float) -> float | None:
     return None if left_s is None else max(0.0, round(left_s - silent_s, 3))
 
 
-def _scheduling(status: MachineStatus) -> str:
-    core = "" if status.cpu < 0 else f" on core {status.cpu}"
-    return f"FIFO {status.realtime}{core}" if status.realtime else ""
-
-
+# What --json prints of a machine's status as it is published.
 def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
     status, silent_s = machine.status, machine.silent_s  # one look at the clock for all times
     return {
         "whiteboard": listing.board,
         "machine": machine.name,
-        "state": status.state,
+        **shown_fields(status),
         "status": machine.condition,
         "in_state_s": round(status.in_state_s + silent_s, 3),
         "silent_s": round(silent_s, 3),
-        "ringlets": status.ringlets,
-        "overruns": status.overruns,
-        "pid": status.pid,
-        "host": status.host,
         "as": listing.hosts.of_machine(machine.name) or None,
         "realtime": status.realtime or None,
         "cpu": None if status.cpu < 0 else status.cpu,
-        "paused": status.paused,
         "paused_left_s": _left_s(status.paused_left_s, silent_s),
-        "clock": status.clock,
         "overridden": _overrides(machine),
-        "caller": status.caller,
-        "refusal": status.refusal,
-        "error": status.error,
-        "error_state": status.error_state,
         "error_s": round(status.error_s + silent_s, 3) if status.failed else None,
         "contested": [
             slot

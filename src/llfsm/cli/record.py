@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import time
 from contextlib import nullcontext
@@ -20,6 +21,7 @@ from llfsm.cli.options import (
     Number,
     board_option,
     end_with_input,
+    file_option,
     host_option,
     slots_option,
     until_eof_option,
@@ -38,20 +40,22 @@ _MB = 1_000_000
 
 
 @click.command()
-@click.option(
+@file_option(
     "-o",
     "--output",
-    metavar="FILE",
     required=True,
-    type=click.Path(path_type=Path),
     help="The recording to make, an MCAP file.",
 )
 @board_option
 @slots_option
 @host_option
 @click.option("--cdr", is_flag=True, help="Make a bag for ROS's tools: CDR, no machines' events.")
-@click.option("--max-size", metavar="MB", type=Number(0.001), help="End at this size.")
-@click.option("--max-time", metavar="S", type=Number(0), help="End after this time.")
+@click.option(
+    "--max-size", metavar="MB", type=Number(0.001), default=math.inf, help="End at this size."
+)
+@click.option(
+    "--max-time", metavar="S", type=Number(0), default=math.inf, help="End after this time."
+)
 @until_eof_option
 def record(
     output: Path,
@@ -59,9 +63,8 @@ def record(
     slots: tuple[str, ...],
     host: str,
     cdr: bool,
-    max_size: float | None,
-    max_time: float | None,
-    until_eof: bool,
+    max_size: float,
+    max_time: float,
 ) -> None:
     """Record a whiteboard and its machines until Ctrl-C or until the whiteboard is removed.
 
@@ -77,61 +80,42 @@ def record(
     llfsm record -o robot7.mcap --host robot7
     """
     log_to_console(logging.WARNING)
-    if until_eof:
-        end_with_input()
+    end_with_input()
+    about = {"board": board.name, "host": host_name(), "version": VERSION}
     signals: list[str] = []  # that asked this process to end
 
     def run() -> None:
-        _record(output, board, slots, host, cdr, max_size, max_time, signals)
+        with (
+            stop_on_signals(signals.append),
+            board.open(create=False) if host else board.opened() as wb,
+            nullcontext(shown_of(wb, host)) as shown,  # before there is a file
+            _writer(output, about, cdr) as writer,
+        ):
+            recorder = BoardRecorder(wb, writer, slots, shown)
+            has_events = recorder.wants(EVENTS) and not cdr and host in ("", HostNames(wb).own)
+            journals = _receiver(wb, writer) if has_events else None
+            click.echo(f"recording the whiteboard {board.name!r} to {output}")
+            sys.stdout.flush()
+            until = time.monotonic() + max_time
+
+            def is_over() -> bool:
+                over = time.monotonic() >= until or writer.size >= max_size * _MB
+                return over or bool(signals)
+
+            try:
+                record_until(recorder, journals, writer, is_over)
+            finally:
+                if journals is not None:
+                    journals.close()
+        missed = sum(writer.missed().values())
+        text = f"{output}: {writer.messages} messages recorded, {missed} missed"
+        if journals is not None and journals.journals:
+            text += f"; {writer.events} events of machines"
+            text += ", and some were lost" if writer.lost else ""
+        click.echo(text, err=True)
 
     # `ros2 launch` sends SIGINT twice; the second must not cost the end of the recording.
     ending_once(run, lambda: bool(signals), lambda: False)
-
-
-def _record(
-    output: Path,
-    board: BoardPlace,
-    slots: tuple[str, ...],
-    host: str,
-    cdr: bool,
-    max_size: float | None,
-    max_time: float | None,
-    signals: list[str],
-) -> None:
-    """Record until a signal is added to `signals`, or until one of the limits."""
-    about = {
-        "board": board.name,
-        "host": host_name(),
-        "version": VERSION,
-    }
-    with (
-        stop_on_signals(signals.append),
-        board.open(create=False) if host else board.opened() as wb,
-        nullcontext(shown_of(wb, host)) as shown,  # before there is a file
-        _writer(output, about, cdr) as writer,
-    ):
-        recorder = BoardRecorder(wb, writer, slots, shown)
-        has_events = recorder.wants(EVENTS) and not cdr and host in ("", HostNames(wb).own)
-        journals = _receiver(wb, writer) if has_events else None
-        click.echo(f"recording the whiteboard {board.name!r} to {output}")
-        sys.stdout.flush()
-        until = float("inf") if max_time is None else time.monotonic() + max_time
-        largest = float("inf") if max_size is None else max_size * _MB
-
-        def is_over() -> bool:
-            return bool(signals) or time.monotonic() >= until or writer.size >= largest
-
-        try:
-            record_until(recorder, journals, writer, is_over)
-        finally:
-            if journals is not None:
-                journals.close()
-    missed = sum(writer.missed().values())
-    text = f"{output}: {writer.messages} messages recorded, {missed} missed"
-    if journals is not None and journals.journals:
-        text += f"; {writer.events} events of machines"
-        text += ", and some were lost" if writer.lost else ""
-    click.echo(text, err=True)
 
 
 def _writer(output: Path, about: dict[str, str], cdr: bool) -> RecordingWriter:

@@ -26,21 +26,16 @@ from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.machine_config import used_slots
 from llfsm.cli.bridge.configured import Configured
 from llfsm.cli.machines import ResolvedPlan, parse_arguments
-from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option
+from llfsm.cli.options import (
+    file_option,
+    given_option,
+    recording_argument,
+    topics_option,
+    trust_option,
+)
 from llfsm.runtime.debugging.breakpoints import callable_machines
-from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, assemble
+from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine
 from llfsm.runtime.verification import Member
-
-
-def plans_to_rerun(
-    recording: Recording, machines: Sequence[str], *, trust: bool
-) -> list[tuple[RecordedJournal, ResolvedPlan]]:
-    """Find the arrangements of a recording that can be rerun; `machines` replace the recorded ones.
-
-    Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
-    `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
-    """
-    return _resolve(recording, whole_journals(recording), machines, trust=trust)
 
 
 def plan_of_one(
@@ -48,12 +43,12 @@ def plan_of_one(
 ) -> tuple[RecordedJournal, ResolvedPlan]:
     """Find the only arrangement, or the one whose machines have the names of `machines`.
 
-    Raise what `plans_to_rerun` raises.
+    Raise what `_resolve` raises.
     """
     journals = whole_journals(recording)
     if len(journals) > 1:
         names = {journal.about.get("machines", "?"): journal for journal in journals}
-        given = parse_arguments(machines, None, (), ()).classes if machines else ()
+        given = parse_arguments(machines).classes if machines else ()
         found = names.get(", ".join(given))
         if found is None or len(names) < len(journals):
             raise click.UsageError(
@@ -75,8 +70,7 @@ def reverse_debugging(
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
-        plan, library = resolved.plan, resolved.library
-        assemble(plan, resolved.classes, rerun.environment, library=library)
+        resolved.assemble(rerun.environment)
         return rerun
 
     _log_no_failures()
@@ -96,6 +90,11 @@ def _resolve(
     *,
     trust: bool,
 ) -> list[tuple[RecordedJournal, ResolvedPlan]]:
+    """Find the plans of arrangements of a recording; `machines` replace the recorded ones.
+
+    Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
+    `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
+    """
     plans = _plans(journals, recording.path)
     if not machines and not trust:
         recorded = "; ".join(
@@ -106,7 +105,7 @@ def _resolve(
             f"which machines? The recording names {recorded}: name them yourself, or --trust the "
             f"file to decide which code runs"
         )
-    given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
+    given = parse_arguments(machines).plan.machines if machines else ()
     if given and len(given) != sum(len(plan.machines) for plan in plans):
         names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
         raise click.UsageError(
@@ -163,7 +162,7 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
         raise click.UsageError(
             f"{recording.path} is a bag: name the machines that are to read its topics"
         )
-    resolved = parse_arguments(machines, None, (), ())
+    resolved = parse_arguments(machines)
     plan = resolved.plan
     members = list(_members(resolved))
     slots = [machine.slots for machine in plan.machines]
@@ -207,11 +206,9 @@ def _members(resolved: ResolvedPlan) -> Iterator[Member]:
     help="What must be as recorded: all events (default), states and posts, or posts alone.",
 )
 @topics_option
-@click.option(
+@file_option(
     "--record",
     "recorded",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="For a bag: record what the machines do on its topics.",
 )
 def rerun(
@@ -247,9 +244,9 @@ def rerun(
     if of_bag := given_option("config", "recorded"):
         raise click.UsageError(f"{file} is not a bag: omit {of_bag}")
     number, lost = 0, False
-    for journal, resolved in plans_to_rerun(recording, machines, trust=trust):
+    for journal, resolved in _resolve(recording, whole_journals(recording), machines, trust=trust):
         again = Rerun(recording.entries(journal), str(file), compare)
-        assemble(resolved.plan, resolved.classes, again.environment, library=resolved.library)
+        resolved.assemble(again.environment)
         difference = again.compare()
         if difference is not None:
             raise click.ClickException(f"{file}: {difference}")

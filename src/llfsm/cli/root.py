@@ -1,7 +1,7 @@
 """The command line's root: ``llfsm``, its groups, and ``clfsm`` as another name for ``llfsm run``.
 
 A group is a table of commands, which are imported when they are called, so that ``--help`` is fast.
-The table names each command as ``module:function``, which no type checker sees:
+The table names each command as ``module:function`` in llfsm.cli, which no type checker sees:
 tests/cli/test_lazy.py resolves every row.
 
 Every error of llfsm, and each of a file that cannot be reached, is handled here: one line on
@@ -26,7 +26,7 @@ class LazyGroup(click.Group):
 
     def __init__(self, *args: Any, table: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.table = table
+        self.table = {name: (f"llfsm.cli.{place}", text) for name, (place, text) in table.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, in the table's order."""
@@ -58,79 +58,58 @@ class LazyGroup(click.Group):
 
 
 _COMMANDS = {
-    "new": ("llfsm.cli.new:new", "Make a machine to start from."),
-    "run": ("llfsm.cli.run.command:run", "Run machines as one arrangement."),
-    "ps": ("llfsm.cli.ps:ps", "List the running machines."),
-    "suspend": ("llfsm.cli.requests:suspend", "Suspend a running machine."),
-    "resume": ("llfsm.cli.requests:resume", "Resume a suspended machine."),
-    "restart": ("llfsm.cli.requests:restart", "Restart a running machine."),
-    "reload": (
-        "llfsm.cli.requests:reload",
-        "Restart a machine from the current version of its bundle.",
-    ),
-    "stop": ("llfsm.cli.requests:stop", "Stop a running machine."),
-    "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
-    "dap": ("llfsm.cli.dap.adapter:dap", "Let an editor debug machines."),
-    "pause": ("llfsm.cli.requests:pause", "Pause running machines between two turns."),
-    "step": ("llfsm.cli.requests:step", "Let paused machines go on for a turn, or further."),
-    "continue": ("llfsm.cli.requests:continue_", "Let paused machines go on."),
-    "override": ("llfsm.cli.requests:override", "Override a sensor of a running machine."),
-    "why": ("llfsm.cli.requests:why", "Show why a running machine is in its state."),
-    "check": ("llfsm.cli.check:check", "Check machines without running them."),
-    "verify": (
-        "llfsm.cli.verify:verify",
-        "Explore everything machines can do; decide properties.",
-    ),
-    "draw": ("llfsm.cli.draw:draw", "Draw a machine."),
-    "show": ("llfsm.cli.show:show", "Show the states and transitions of a machine."),
-    "import": (
-        "llfsm.cli.convert:import_",
-        "Translate a bundle of C++ to Python.",
-    ),
-    "convert": (
-        "llfsm.cli.convert:convert",
-        "Make a bundle from a class, or a class from a bundle.",
-    ),
-    "package": (
-        "llfsm.cli.package:package",
-        "Write the ROS 2 package that starts a machine.",
-    ),
-    "turtlesim": (
-        "llfsm.cli.turtlesim:turtlesim",
-        "Simulate turtles, on a whiteboard or as a ROS 2 node.",
-    ),
-    "router": ("llfsm.cli.router:router", "Run a Zenoh router for ROS 2 nodes."),
-    "edit": ("llfsm.cli.edit:edit", "Draw and write a machine in the browser."),
-    "view": ("llfsm.cli.view:view", "Show a whiteboard and its machines in the browser."),
-    "record": ("llfsm.cli.record:record", "Record a whiteboard to a file."),
-    "replay": ("llfsm.cli.replay:replay", "Replay a recording to a whiteboard."),
-    "rerun": ("llfsm.cli.rerun:rerun", "Run machines again on the inputs of a recording."),
-    "guard": (
-        "llfsm.cli.guard:guard",
-        "Post the safe values of machines whose processes die.",
-    ),
-    "top": ("llfsm.cli.ps:top", "Show a whiteboard and its machines in the terminal."),
-    "whiteboard": ("llfsm.cli.root:whiteboard", "List, read, write and mirror whiteboards."),
-    "bridge": ("llfsm.cli.root:bridge", "Connect a whiteboard with another world."),
-    "demo": ("llfsm.cli.demo.command:demo", "Watch machines and turtles work together."),
+    "new": ("new:new", "Make a machine to start from."),
+    "run": ("run.command:run", "Run machines as one arrangement."),
+    "ps": ("ps:ps", "List the running machines."),
+    "suspend": ("requests:suspend", "Suspend a running machine."),
+    "resume": ("requests:resume", "Resume a suspended machine."),
+    "restart": ("requests:restart", "Restart a running machine."),
+    "reload": ("requests:reload", "Restart a machine from the current version of its bundle."),
+    "stop": ("requests:stop", "Stop a running machine."),
+    "debug": ("debug.command:debug", "Run machines from a prompt, step by step."),
+    "dap": ("dap.adapter:dap", "Let an editor debug machines."),
+    "pause": ("requests:pause", "Pause running machines between two turns."),
+    "step": ("requests:step", "Let paused machines go on for a turn, or further."),
+    "continue": ("requests:continue_", "Let paused machines go on."),
+    "override": ("requests:override", "Override a sensor of a running machine."),
+    "why": ("requests:why", "Show why a running machine is in its state."),
+    "check": ("check:check", "Check machines without running them."),
+    "verify": ("verify:verify", "Explore everything machines can do; decide properties."),
+    "draw": ("draw:draw", "Draw a machine."),
+    "show": ("show:show", "Show the states and transitions of a machine."),
+    "import": ("convert:import_", "Translate a bundle of C++ to Python."),
+    "convert": ("convert:convert", "Make a bundle from a class, or a class from a bundle."),
+    "package": ("package:package", "Write the ROS 2 package that starts a machine."),
+    "turtlesim": ("turtlesim:turtlesim", "Simulate turtles, on a whiteboard or as a ROS 2 node."),
+    "router": ("router:router", "Run a Zenoh router for ROS 2 nodes."),
+    "edit": ("edit:edit", "Draw and write a machine in the browser."),
+    "view": ("view:view", "Show a whiteboard and its machines in the browser."),
+    "record": ("record:record", "Record a whiteboard to a file."),
+    "replay": ("replay:replay", "Replay a recording to a whiteboard."),
+    "rerun": ("rerun:rerun", "Run machines again on the inputs of a recording."),
+    "guard": ("guard:guard", "Post the safe values of machines whose processes die."),
+    "top": ("ps:top", "Show a whiteboard and its machines in the terminal."),
+    "whiteboard": ("root:whiteboard", "List, read, write and mirror whiteboards."),
+    "bridge": ("root:bridge", "Connect a whiteboard with another world."),
+    "demo": ("demo.command:demo", "Watch machines and turtles work together."),
 }
 
 _WHITEBOARD = {
-    "list": ("llfsm.cli.whiteboard:list_", "List whiteboards, or the slots of one."),
-    "get": ("llfsm.cli.whiteboard:get", "Print the latest message of a slot."),
-    "add": ("llfsm.cli.whiteboard:add", "Add a message to a slot."),
-    "watch": ("llfsm.cli.whiteboard:watch", "Print messages as they are added."),
-    "rm": ("llfsm.cli.whiteboard:rm", "Remove whiteboards."),
-    "daemon": ("llfsm.cli.whiteboard:daemon", "Mirror a whiteboard between hosts."),
-    "status": ("llfsm.cli.whiteboard:status", "Print the status of the daemon."),
+    "list": ("whiteboard:list_", "List whiteboards, or the slots of one."),
+    "get": ("whiteboard:get", "Print the latest message of a slot."),
+    "add": ("whiteboard:add", "Add a message to a slot."),
+    "watch": ("whiteboard:watch", "Print messages as they are added."),
+    "rm": ("whiteboard:rm", "Remove whiteboards."),
+    "daemon": ("whiteboard:daemon", "Mirror a whiteboard between hosts."),
+    "status": ("whiteboard:status", "Print the status of the daemon."),
 }
 
 _BRIDGE = {
-    "ros2": ("llfsm.cli.bridge.ros2:ros2", "Relay slots and topics, and serve services."),
-    "check": ("llfsm.cli.bridge.ros2:check", "Check a configuration for `ros2`."),
-    "turtlesim": ("llfsm.cli.bridge.ros2:turtlesim", "Connect machines with turtlesim."),
+    "ros2": ("bridge.ros2:ros2", "Relay slots and topics, and serve services."),
+    "check": ("bridge.ros2:check", "Check a configuration for `ros2`."),
+    "turtlesim": ("bridge.ros2:turtlesim", "Connect machines with turtlesim."),
     "gusimplewhiteboard": (
-        "llfsm.cli.bridge.gusimplewhiteboard:gusimplewhiteboard",
+        "bridge.gusimplewhiteboard:gusimplewhiteboard",
         "Relay slots to and from a gusimplewhiteboard.",
     ),
 }

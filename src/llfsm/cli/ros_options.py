@@ -67,7 +67,6 @@ class BridgeOptions(NamedTuple):
     router: tuple[str, ...]
     board: BoardPlace
     remove_board: bool
-    until_eof: bool
     quiet: bool
 
 

@@ -20,7 +20,7 @@ from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
     "repeated.  [default: port 7447 of this host alone]",
 )
 @until_eof_option
-def router(listen: tuple[str, ...], until_eof: bool) -> None:
+def router(listen: tuple[str, ...]) -> None:
     """Run a Zenoh router, through which ROS 2 nodes discover each other, until Ctrl-C.
 
     It replaces rmw_zenohd where ROS is not installed: nodes with
@@ -33,7 +33,6 @@ def router(listen: tuple[str, ...], until_eof: bool) -> None:
     asked = StopRequest()
     endpoints = listen or loopback()
     with stop_on_signals(lambda _: asked.make()), closing(open_router(endpoints)):
-        if until_eof:
-            end_with_input()
+        end_with_input()
         click.echo(f"router: listening on {', '.join(endpoints)}")
         asked.wait()

@@ -77,7 +77,6 @@ def turtlesim(
     domain: int | None,
     router: tuple[str, ...],
     board: BoardPlace,
-    until_eof: bool,
     remove_board: bool,
 ) -> None:
     """Simulate turtles that obey a whiteboard, until Ctrl-C or the whiteboard is removed.
@@ -99,8 +98,7 @@ def turtlesim(
     log_to_console(logging.INFO, is_on=arguments.stdout)
     asked = StopRequest()
     stop_for_good(asked.make)
-    if until_eof:
-        end_with_input()
+    end_with_input()
     if ros:
         with open_chosen(transport, domain, router, arguments.enclave) as opened:
             simulator = _run_on_ros(opened, turtles, asked.is_made, arguments, clock)

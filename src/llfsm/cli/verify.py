@@ -10,20 +10,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from textwrap import indent
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 import msgspec
 from msgspec.structs import replace
 
 from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
-from llfsm.cli.options import Integer, Number
+from llfsm.cli.options import Integer, Number, file_option
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
-from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.log import logger
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import (
     NO_FAILURE,
@@ -36,8 +37,8 @@ from llfsm.runtime.verification import (
     explore,
     reachable,
 )
+from llfsm.runtime.verification._exploring import ExploreOptions
 from llfsm.runtime.verification.domains import domain_of
-from llfsm.runtime.verification.exploring import ExploreOptions
 from llfsm.runtime.verification.space import EXPORTS
 
 if TYPE_CHECKING:
@@ -87,6 +88,29 @@ class _Interrupted(click.ClickException):
     exit_code = 3
 
 
+def _pairs(
+    _: click.Context, option: click.Parameter, texts: Iterable[str], read: Callable[[str], Any]
+) -> dict[str, Any]:
+    """Read texts of the form that the option's metavar shows."""
+    pairs = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise click.UsageError(f"{text!r}: give it as {option.metavar}")
+        pairs[name] = read(value)
+    return pairs
+
+
+def _json(text: str) -> Any:
+    """Read a domain of the command line: JSON, or a word as it is."""
+    if text[:1] not in ("[", "{"):
+        return text
+    try:
+        return msgspec.json.decode(text)
+    except msgspec.DecodeError as error:
+        raise click.UsageError(f"{text!r} is not JSON: {error}") from error
+
+
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
 @click.option(
@@ -102,6 +126,7 @@ class _Interrupted(click.ClickException):
     "sensors",
     metavar="SLOT=DOMAIN",
     multiple=True,
+    callback=partial(_pairs, read=_json),
     help="What the environment may put into SLOT: every, JSON, or MODULE:NAME.",
 )
 @click.option(
@@ -114,6 +139,7 @@ class _Interrupted(click.ClickException):
 @click.option(
     "--choices",
     type=click.Choice(["turns", "rounds"]),
+    default="turns",
     help="When the environment may change: at each turn (the default), or once a round.",
 )
 @click.option("--stop", is_flag=True, help="A stop, as by Ctrl-C, may come before any turn.")
@@ -127,49 +153,35 @@ class _Interrupted(click.ClickException):
     "--abstract",
     metavar="MACHINE.VARIABLE=MODULE:FUNCTION",
     multiple=True,
+    callback=partial(_pairs, read=str),
     help="Replace a variable's value by the function's result after each turn.",
 )
 @click.option("--max-states", metavar="N", type=Integer(1), help="Stop after N states.")
 @click.option("--max-seconds", metavar="S", type=Number(0), help="Stop after S seconds.")
-@click.option(
+@file_option(
     "--record",
     "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Record the first counterexample, for llfsm view and llfsm rerun.",
 )
-@click.option(
+@file_option(
     "--pytest",
     "tests",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Write a test for each counterexample; - prints them.",
 )
-@click.option(
+@file_option(
     "--export",
     "exports",
-    metavar="FILE",
     multiple=True,
-    type=click.Path(path_type=Path),
     help="Write all states for Storm (.drn), SPIN (.pml) or Aldebaran (.aut). May be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def verify(
     machines: tuple[str, ...],
-    properties: tuple[str, ...],
-    sensors: tuple[str, ...],
-    period_ms: float | None,
-    any_time: bool,
-    choices: Literal["turns", "rounds"] | None,
-    stop: bool,
-    suspend: tuple[str, ...],
-    abstract: tuple[str, ...],
-    max_states: int | None,
-    max_seconds: float | None,
     recording: Path | None,
     tests: Path | None,
     exports: tuple[Path, ...],
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Explore everything that MACHINES can do, and decide whether properties hold.
 
@@ -181,21 +193,9 @@ def verify(
     llfsm verify OvenTimer OvenCooker -p oven_properties:no_radiation
     llfsm verify robot.toml --record counterexample.mcap
     """
-    asked = Verification(
-        properties=properties,
-        sensors=dict(_pair(text, "SLOT=DOMAIN", _json) for text in sensors),
-        period_ms=period_ms,
-        any_time=any_time,
-        choices=choices or "turns",
-        stop=stop,
-        suspend=suspend,
-        abstract=dict(_pair(text, "MACHINE.VARIABLE=MODULE:FUNCTION", str) for text in abstract),
-        max_states=max_states,
-        max_seconds=max_seconds,
-    )
     _check_files(recording, tests, exports)
     try:
-        subject = VerifiedMachines(machines, asked)
+        subject = VerifiedMachines(machines, Verification(**asked))
         sought = [each.property for each in subject.named]
         with _progress(quiet=as_json) as progress:
             options: ExploreOptions = {**subject.options(), "progress": progress}
@@ -220,23 +220,6 @@ def verify(
         raise _Interrupted("interrupted: nothing more is known") from None
     if violated or undecided:
         raise click.exceptions.Exit(1 if violated else 3)
-
-
-def _pair(text: str, form: str, read: Callable[[str], Any]) -> tuple[str, Any]:
-    name, equals, value = text.partition("=")
-    if not (name and equals and value):
-        raise click.UsageError(f"{text!r}: give it as {form}")
-    return name, read(value)
-
-
-def _json(text: str) -> Any:
-    """Read a domain of the command line: JSON, or a word as it is."""
-    if text[:1] not in ("[", "{"):
-        return text
-    try:
-        return msgspec.json.decode(text)
-    except msgspec.DecodeError as error:
-        raise click.UsageError(f"{text!r} is not JSON: {error}") from error
 
 
 def _check_files(recording: Path | None, tests: Path | None, exports: Sequence[Path]) -> None:
@@ -355,7 +338,7 @@ class VerifiedMachines:
     """
 
     def __init__(self, machines: Sequence[str], asked: Verification):
-        resolved = parse_arguments(machines, None, (), ())
+        resolved = parse_arguments(machines)
         self.assumed = tuple(assumed_of(resolved.plan))
         """What is assumed because of options of a file, in words."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]

@@ -189,7 +189,6 @@ def view(
     no_open: bool,
     control: bool,
     trust: bool,
-    until_eof: bool,
 ) -> None:
     """Show a whiteboard and its machines on a page in the browser, until Ctrl-C.
 
@@ -206,8 +205,7 @@ def view(
     llfsm view run.mcap
     llfsm view run.mcap --trust
     """
-    if until_eof:
-        end_with_input()
+    end_with_input()
     if recording is None and trust:
         raise click.UsageError("--trust is for a recording")
     if recording is not None and (host or fleet):

@@ -14,7 +14,7 @@ import click
 import msgspec
 
 from llfsm.cli.console import log_to_console
-from llfsm.cli.options import BoardPlace, Integer, board_option, directory_option
+from llfsm.cli.options import BoardPlace, Integer, board_option, directory_option, file_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.realtime import stop_on_signals
@@ -174,9 +174,7 @@ def _json(message: Message) -> str:
 
 @click.command()
 @board_option
-@click.option(
-    "-c", "--config", metavar="FILE", type=click.Path(path_type=Path), help="Settings, in TOML."
-)
+@file_option("-c", "--config", help="Settings, in TOML.")
 @click.option(
     "--listen",
     metavar="ENDPOINT",

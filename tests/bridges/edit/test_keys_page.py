@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 from llfsm.runtime.bundles import read_bundle
 from llfsm.runtime.editing import Document
-from llfsm.runtime.editing.state_edits import AddState
+from llfsm.runtime.editing._state_edits import AddState
 from waiting import wait_for
 
 from ..view.conftest import Visit, browser, visit  # noqa: F401

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.gusimplewhiteboard import LayoutError, MisfitError, find_layout
-from llfsm.bridges.gusimplewhiteboard.structures import MessageLayout
+from llfsm.bridges.gusimplewhiteboard._structures import MessageLayout
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Point, Twist, Vector3
 from llfsm.whiteboard.messages.types import Int16, UInt8

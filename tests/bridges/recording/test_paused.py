@@ -41,8 +41,8 @@ def test_what_was_paused_runs_again(clock: Any, on_pause: Any) -> None:
     debugger.wait(PATIENCE_S)
     asks = [
         lambda: run.board.add_message(COMMAND, Number(9)),
-        lambda: run.arrangement.hold("Follower"),
-        lambda: run.arrangement.hold("Keeper"),
+        lambda: run.arrangement.control.hold("Follower"),
+        lambda: run.arrangement.control.hold("Keeper"),
         lambda: run.arrangement.resume("Follower"),
         lambda: run.board.add_message(COMMAND, Number(3)),
         lambda: run.arrangement.restart("Keeper"),

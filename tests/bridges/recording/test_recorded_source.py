@@ -19,7 +19,7 @@ from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.status_publisher import Presence
+from llfsm.runtime.presence.status_publisher import StatusPublisher
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
@@ -228,7 +228,7 @@ def hasty(file: Path, *, events: bool) -> RecordedSource:
         live = LiveEnvironment(board, clock)
         environment = JournalledEnvironment(live, Journal(written.append))
         arrangement = Arrangement([Hasty], environment=environment)
-        presence, count = Presence(arrangement, board), 0
+        presence, count = StatusPublisher(arrangement, board), 0
         for number in range(160):
             clock.advance(ms=5)
             arrangement.round()
@@ -280,7 +280,7 @@ def test_a_failure_is_in_the_history_until_the_machine_is_resumed(file: Path, ev
         clock.advance(ns=writer.begin_ns)
         environment = JournalledEnvironment(LiveEnvironment(board, clock), Journal(written.append))
         arrangement = Arrangement([Breaks], environment=environment, on_error="suspend")
-        presence, count = Presence(arrangement, board, clock=clock), 0
+        presence, count = StatusPublisher(arrangement, board, clock=clock), 0
         for number in range(40):
             if number == 20:
                 arrangement.restart("Breaks")

@@ -74,10 +74,12 @@ def test_whatever_happens_it_happens_again(script: list[tuple[str, Any]]) -> Non
             run.clock.advance(ms=value)
         elif what == "elsewhere":
             run.board.add_message(status_slot("Elsewhere"), status(value))
-        elif what in ("stop", "suspend_all"):
-            getattr(run.arrangement, what)()
+        elif what == "stop":
+            run.arrangement.stop()
+        elif what == "suspend_all":
+            run.arrangement.control.suspend_all()
         elif value in [machine.name for machine in run.arrangement.machines]:
-            getattr(run.arrangement, what)(value)
+            getattr(run.arrangement.control, what)(value)
         run.arrangement.round()
     run.arrangement.end()
     difference, trace = run.again(MACHINES)
@@ -137,7 +139,7 @@ def test_a_timetable_with_requests_in_its_sleeps_happens_again() -> None:
         if type(event).__name__ == "IdleSleep":
             what, name = next(asks, ("", ""))
             if what:
-                getattr(run.arrangement, what)(name)
+                getattr(run.arrangement.control, what)(name)
 
     run.arrangement.attach(feed)
     run.arrangement.run(max_rounds=60)

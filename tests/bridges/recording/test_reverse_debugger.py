@@ -71,7 +71,7 @@ def sight(reverse: ReverseDebugger) -> object:
         debugger.moment,
         debugger.turn,
         reverse.now_s,
-        arrangement.standings(),
+        arrangement.roster.standings(),
         [variables_of(arrangement.machine(name)) for name in names],
         [why_of(arrangement, name, debugger.now_ns).transitions for name in names],
     )
@@ -136,13 +136,13 @@ def test_a_step_back_runs_the_machines_again_once(
 
 def test_a_machine_goes_back_to_before_it_came_to_its_state(reverse: ReverseDebugger) -> None:
     reverse.goto(1e9)
-    standing = reverse.arrangement.standing("Follower")
+    standing = reverse.arrangement.roster.find("Follower").standing()
     reverse.back("leave", "Follower")
     before = reverse.debugger.moment
-    assert reverse.arrangement.standing("Follower").state != standing.state
+    assert reverse.arrangement.state_name_of("Follower") != standing.state
     assert reverse.debugger.turn.machine == "Follower"
     reverse.step("turn")
-    assert reverse.arrangement.standing("Follower").state == standing.state
+    assert reverse.arrangement.state_name_of("Follower") == standing.state
     reverse.goto(0)
     with pytest.raises(RecordingError, match="Follower has been in low from the beginning"):
         reverse.back("leave", "Follower")
@@ -211,7 +211,7 @@ def test_code_that_has_changed_is_followed_up_to_where_it_differs(run: Run) -> N
         reverse.proceed()
         assert reverse.end.startswith("from here on the machines do not act as recorded: event ")
         assert "* message" in reverse.end
-        assert reverse.arrangement.standing("Follower").state == "high"
+        assert reverse.arrangement.state_name_of("Follower") == "high"
         end = reverse.end
         reverse.back("turn")
         assert reverse.debugger.turn.machine == "Follower"

@@ -73,7 +73,7 @@ def test_translated(cpp: str, python: str) -> None:
         "after_ms(\"x\")", "is_running(1)", "is_running(x)", "after_ms()", "after_ms(1, 2)",
         "after_ms", "suspend(\"M\")", "machine_id() > 0", "i(3)", "and", "b and c", "not b",
         "(int)d > 2", "true()", "\\", "i @ j", "ünder > 2", "#define",
-        "(" * 200 + "b" + ")" * 200, "!" * 200 + "b", "-" + "(-" * 200 + "i" + ")" * 200,
+        "(" * 300 + "b" + ")" * 300, "!" * 200 + "b", "-" + "(-" * 200 + "i" + ")" * 200,
     ],
 )  # fmt: skip
 def test_refused(cpp: str) -> None:

@@ -33,7 +33,7 @@ text = st.text(
 ).filter(str.strip)
 fragment = text.map(Fragment)
 maybe = st.none() | fragment
-boxes = st.builds(StateBox, number, number, number, number, st.booleans())
+boxes = st.builds(StateBox, number, number, number, number, st.booleans(), st.just({}))
 paths = st.lists(st.builds(TransitionPath, point, point, point, point), min_size=1).map(tuple)
 
 

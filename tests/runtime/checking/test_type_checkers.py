@@ -21,7 +21,7 @@ from llfsm.runtime.bundles import (
     read_bundle,
 )
 from llfsm.runtime.checking import check_types
-from llfsm.runtime.checking.type_checkers import module_of
+from llfsm.runtime.checking._type_checkers import module_of
 from thoroughness import examples
 
 PYTHON = sys.executable

@@ -76,7 +76,7 @@ def replays(space: Space, verdict: Verdict) -> None:
     alone = ScriptRun(space.members, **how)
     for _ in alone.play(script):
         pass
-    assert alone.arrangement.standings() == played.arrangement.standings()
+    assert alone.arrangement.roster.standings() == played.arrangement.roster.standings()
     names = [*alone.scripted.machines]
     end = dumped(view_of(alone.scripted), names)
     assert end == dumped(view_of(played.scripted), names)

@@ -98,7 +98,7 @@ def test_a_state_is_entered_by_a_request() -> None:
     arrangement = Arrangement([Counter], clock=ManualClock())
     with running(arrangement) as debugger:
         debugger.break_at("Counter:Suspended")
-        arrangement.hold("Counter")
+        arrangement.control.hold("Counter")
         debugger.proceed()
         assert debugger.wait(PATIENCE_S) == "breakpoint Counter:Suspended"
         arrangement.resume("Counter")
@@ -121,7 +121,7 @@ def test_a_machine_has_a_message() -> None:
 def test_code_of_a_machine_raises(on_error: Any) -> None:
     def look(debugger: Debugger, arrangement: Arrangement) -> tuple[bool, bool]:
         assert debugger.paused.startswith("breakpoint Fails!")
-        return arrangement.failure("Fails") is not None, arrangement.reason is None
+        return arrangement.roster.find("Fails").failure is not None, arrangement.reason is None
 
     assert first_pause("Fails!", [Fails, Counter], look, on_error=on_error) == (True, True)
 
@@ -218,11 +218,11 @@ def test_a_condition_has_no_effect() -> None:
 def test_a_breakpoint_costs_where_it_is() -> None:
     """Turns are not observed, and code of other states is what it was."""
     arrangement = Arrangement([Counter, Driver], whiteboard=Whiteboard.local(), clock=ManualClock())
-    states = arrangement.seat("Driver").states
+    states = arrangement.roster.find("Driver").states
     before = {name: (state.on_entry, state.on_exit) for name, state in states.items()}
     debugger = Debugger(arrangement)
     debugger.break_at("Counter:high", "Driver:done->")
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
     for name, state in states.items():
         assert ((state.on_entry, state.on_exit) == before[name]) is (name != "done")
     debugger.break_at()

@@ -203,7 +203,7 @@ def test_of_a_machine_that_runs_a_round_is_seen_now_and_then(is_journalled: bool
         assert found.transitions[0].value is False
         assert found.evaluated_s is not None
         assert 0 <= found.evaluated_s < PATIENCE_S
-        wait_for(lambda: all(isinstance(each, Journal) for each in arrangement.observers))
+        wait_for(lambda: all(isinstance(each, Journal) for each in arrangement.kernel.observers))
     if is_journalled:
         kinds = {entry["event"] for data in written for entry in entries_of(data)}
         assert "Eval" in kinds

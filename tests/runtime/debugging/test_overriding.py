@@ -68,11 +68,11 @@ def test_one_machine_reads_the_override_until_it_is_released() -> None:
     assert seen() == (7, 4)
     arrangement.override("Driver", "pose", None)
     assert seen() == (0, 4), "the default, as if there were no message"
-    assert arrangement.overridden("Driver") == ("pose",)
-    assert arrangement.overridden("Driver.0") == ()
+    assert arrangement.roster.find("Driver").overridden == ("pose",)
+    assert arrangement.roster.find("Driver.0").overridden == ()
     arrangement.release("Driver", "pose")
     assert seen() == (4, 4)
-    assert arrangement.overridden("Driver") == ()
+    assert arrangement.roster.find("Driver").overridden == ()
 
 
 @pytest.mark.parametrize("clock", [ManualClock, MonotonicClock])
@@ -81,7 +81,7 @@ def test_an_override_never_ages(clock: Callable[[], ManualClock]) -> None:
     arrangement = Arrangement([Fresh], whiteboard=Whiteboard.local(), clock=time)
     machine = arrangement.machine("Fresh")
     arrangement.override("Fresh", "pose", Int32(data=7))
-    assert arrangement.overridden("Fresh") == ("pose", "later"), "both read this slot"
+    assert arrangement.roster.find("Fresh").overridden == ("pose", "later"), "both read this slot"
     for _ in range(3):
         time.sleep_until_ns(time.now_ns() + 15_000_000)
         arrangement.round()
@@ -99,7 +99,7 @@ def test_a_machine_that_is_loaded_again_is_not_overridden() -> None:
     arrangement.load(Driver)
     arrangement.round()
     assert arrangement.machine("Driver").pose.data == 3
-    assert arrangement.overridden("Driver") == ()
+    assert arrangement.roster.find("Driver").overridden == ()
 
 
 def test_a_breakpoint_looks_at_the_override() -> None:
@@ -136,7 +136,7 @@ def test_what_cannot_be_overridden_is_refused(
         arrangement.override(machine, sensor, message)
     arrangement.round()
     assert arrangement.machine("Driver").pose.data == 3
-    assert arrangement.overridden("Driver") == ()
+    assert arrangement.roster.find("Driver").overridden == ()
 
 
 def test_other_processes_override_and_see_it(caplog: pytest.LogCaptureFixture) -> None:
@@ -211,7 +211,7 @@ def test_a_lease_ends_with_its_override_and_ends_no_later_one(
     assert found.left_s("Fresh", "pose") is None
     time.now = 11.0
     found.look()
-    assert arrangement.overridden("Fresh") == ("pose", "later")
+    assert arrangement.roster.find("Fresh").overridden == ("pose", "later")
 
     found.override("Fresh", sensor, '{"data": 7}', lease_s=10.0)
     with pytest.raises(WhiteboardError):
@@ -219,4 +219,4 @@ def test_a_lease_ends_with_its_override_and_ends_no_later_one(
     assert found.left_s("Fresh", "pose") == found.left_s("Fresh", "later") == 10.0
     time.now = 22.0
     found.look()
-    assert arrangement.overridden("Fresh") == ()
+    assert arrangement.roster.find("Fresh").overridden == ()

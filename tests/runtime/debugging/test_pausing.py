@@ -100,11 +100,11 @@ def test_what_waits_for_a_pause_gets_the_reason_or_an_error() -> None:
 def test_turns_cost_nothing_more_before_and_after_a_pause() -> None:
     arrangement = Arrangement([Counter], clock=ManualClock())
     found = Debugger(arrangement)
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
     with running(arrangement):
-        assert [*arrangement.observers] == [found]
+        assert [*arrangement.kernel.observers] == [found]
         found.proceed()
-        wait_for(lambda: not arrangement.observers)
+        wait_for(lambda: not arrangement.kernel.observers)
 
 
 def test_while_paused_statuses_are_published_and_requests_obeyed() -> None:
@@ -182,7 +182,7 @@ def test_a_stop_ends_a_pause() -> None:
         arrangement.stop()
         wait_for(lambda: arrangement.reason)
     assert not debugger.paused
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
 
 
 def test_a_board_that_is_removed_ends_a_pause(tmp_path: Path) -> None:

@@ -149,7 +149,9 @@ def laid_out(drawn: type[Machine], layout: MachineLayout) -> Diagram:
 
 
 places = st.floats(-2000, 2000)
-boxes = st.builds(StateBox, places, places, st.floats(0, 300), st.floats(0, 300), st.booleans())
+boxes = st.builds(
+    StateBox, places, places, st.floats(0, 300), st.floats(0, 300), st.booleans(), st.just({})
+)
 points = st.tuples(places, places)
 paths = st.builds(TransitionPath, points, points, points, points)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.runtime.editing.document import Document, decode_edits
-from llfsm.runtime.editing.draft import JOURNAL, BundleFolder, FileChange
+from llfsm.runtime.editing._document import Document, decode_edits
+from llfsm.runtime.editing._draft import JOURNAL, BundleFolder, FileChange
 from llfsm.runtime.editing.errors import EditConflictError, EditError
 from llfsm.runtime.engine.errors import BundleError
 

@@ -12,7 +12,7 @@ import pytest
 
 from llfsm.runtime.bundles import BundleState, read_bundle
 from llfsm.runtime.bundles.read import Reader
-from llfsm.runtime.editing.document import Document, decode_edits
+from llfsm.runtime.editing._document import Document, decode_edits
 from llfsm.runtime.editing.errors import EditConflictError, EditError
 from llfsm.runtime.engine.errors import BundleError
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.runtime.bundles import plist
-from llfsm.runtime.editing import layout_edits as property_list
+from llfsm.runtime.editing import _layout_edits as property_list
+from llfsm.runtime.editing._layout_edits import PropertyList
 from llfsm.runtime.editing.errors import EditError
-from llfsm.runtime.editing.layout_edits import PropertyList
 from llfsm.runtime.engine.errors import BundleError
 
 HEAD = (

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from llfsm.runtime.bundles import Bundle, read_bundle
 from llfsm.runtime.checking import check_bundle
-from llfsm.runtime.editing.document import Document, decode_edits
-from llfsm.runtime.editing.draft import Draft
+from llfsm.runtime.editing._document import Document, decode_edits
+from llfsm.runtime.editing._draft import Draft
 from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.text_edits import TextPlace, text_file
 from thoroughness import examples

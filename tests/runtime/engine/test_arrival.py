@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, State, Trace
 from llfsm.runtime.engine.events import Eval
-from llfsm.runtime.presence.status_publisher import Presence
+from llfsm.runtime.presence.status_publisher import StatusPublisher
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import status_slot
 from thoroughness import examples
@@ -65,7 +65,7 @@ def test_it_is_the_transition_that_fired_last(steps: list[str], observed: bool) 
         elif before != after:
             ways = {("a", "b"): ("a", int(step == "second")), ("b", "a"): ("b", 0)}
             expected = ways.get((before, after), ("", 0))
-        arrival = arrangement.arrival("Twin")
+        arrival = arrangement.roster.find("Twin").arrival()
         assert arrival[:2] == expected, steps
     if observed and expected[0]:
         fired = [e for e in trace if isinstance(e, Eval) and e.value]
@@ -75,7 +75,7 @@ def test_it_is_the_transition_that_fired_last(steps: list[str], observed: bool) 
 def test_the_status_reports_it_and_of_each_stay() -> None:
     board, clock = Whiteboard.local(), ManualClock()
     arrangement = Arrangement([Walk], whiteboard=board, clock=clock)
-    presence = Presence(arrangement, board)
+    presence = StatusPublisher(arrangement, board)
     reported = board.get_message(status_slot("Walk"))
     assert (reported.state, reported.source, reported.entered_ns) == ("a", "", 0)
     seen = []
@@ -95,7 +95,7 @@ def test_a_stay_has_one_moment_of_entry(rounds: int) -> None:
     board, clock = Whiteboard.local(), ManualClock()
     machine = Twin(first=True)
     arrangement = Arrangement([machine], whiteboard=board, clock=clock)
-    presence = Presence(arrangement, board)
+    presence = StatusPublisher(arrangement, board)
     clock.advance(ms=5)
     arrangement.round()
     entered = set()

@@ -218,7 +218,7 @@ def test_a_move_leaves_machines_where_they_are_and_connects_them_anew() -> None:
     first.add_message(NUMBER, Int32(data=3))
     second.add_message(NUMBER, Int32(data=4))
     arrangement.round()
-    arrangement.move(BoardEnvironment(second, clock))
+    arrangement.kernel.move(BoardEnvironment(second, clock))
     arrangement.round()
     assert first.get_message(SUM) == Int32(data=3)
     assert second.get_message(SUM) == Int32(data=7)

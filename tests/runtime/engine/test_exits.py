@@ -60,7 +60,7 @@ def test_a_machine_that_exits_fails_alone_if_each_does(
     assert isinstance(counter, Counter)
     assert arrangement.run() is Reason.FAILED
     assert counter.rounds == 10
-    failed = arrangement.failure("M")
+    failed = arrangement.roster.find("M").failure
     assert error.__name__ in str(failed)
     assert [event.machine for event in trace if isinstance(event, Failed)] == ["M"] * observed
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from llfsm.errors import one_line
 from llfsm.runtime import (
     Arrangement,
     ExecutionError,
@@ -23,7 +24,6 @@ from llfsm.runtime import (
     define,
 )
 from llfsm.runtime.engine.events import Failed
-from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Message, Slot, Whiteboard
 
 
@@ -164,7 +164,7 @@ def test_what_cannot_be_described_is_contained_too(caplog: pytest.LogCaptureFixt
     arrangement.round()
     assert "OnEntry: Undescribed: (OSError while it was described)" in caplog.text
     assert "the guard returned (OSError while it was described), a Undescribed" in caplog.text
-    assert arrangement.failed_machines == ["Raises", "Returns"]
+    assert arrangement.roster.failed == ["Raises", "Returns"]
 
 
 def test_a_failure_in_one_line_can_be_published_whatever_is_in_it():
@@ -296,7 +296,7 @@ def test_a_run_in_which_nobody_can_resume_the_failed_machine_ends_as_failed():
     for board in boards:
         arrangement = Arrangement([failing("Internal")], on_error="suspend", whiteboard=board)
         assert arrangement.run(max_rounds=50) is Reason.FAILED
-        assert arrangement.failed_machines == ["M"]
+        assert arrangement.roster.failed == ["M"]
         assert arrangement.rounds < 50
 
 
@@ -326,7 +326,7 @@ def test_a_run_whose_failed_machine_was_resumed_ends_as_any_other():
     machine = M()
     arrangement = Arrangement([machine, Mends], on_error="suspend", clock=ManualClock())
     assert arrangement.run(max_rounds=50) is Reason.ACCEPTING
-    assert arrangement.failed_machines == []
+    assert arrangement.roster.failed == []
 
 
 def test_a_machine_that_fails_while_suspended_is_unloaded():

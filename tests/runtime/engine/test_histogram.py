@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from definition import BUILT
-from llfsm.runtime.engine import histogram, twin
-from llfsm.runtime.engine.histogram import Spread, doublings
+from llfsm.runtime.engine.statistics import DefinedHistogram, Histogram, Spread, doublings
 
 from .quantiles import TOLERANCE, exact
 
 
-def filled(durations_ns: Iterable[int], kind: Any = twin.Histogram) -> Any:
+def filled(durations_ns: Iterable[int], kind: Any = Histogram) -> Any:
     filled = kind()
     for ns in durations_ns:
         filled.add(ns)
@@ -52,7 +51,7 @@ def test_one_slow_turn_in_a_hundred_is_in_the_maximum_only():
 
 
 def test_there_is_no_spread_of_nothing():
-    assert Spread.of(twin.Histogram()) is None
+    assert Spread.of(Histogram()) is None
 
 
 def range_of(ns: int) -> int:
@@ -68,7 +67,7 @@ def test_ranges_follow_each_other_and_are_at_most_a_sixteenth_wide(ns: int):
 @pytest.mark.skipif(not BUILT, reason="the twins in C are not built, or hidden")
 @given(st.lists(durations | st.integers(-(2**63), 2**63 - 1), max_size=100))
 def test_the_twin_counts_what_the_definition_counts(durations_ns: list[int]):
-    twin_, defined = filled(durations_ns), filled(durations_ns, histogram.Histogram)
+    twin_, defined = filled(durations_ns), filled(durations_ns, DefinedHistogram)
     assert twin_.counts == defined.counts
     assert (twin_.total, twin_.longest_ns) == (defined.total, defined.longest_ns)
     assert Spread.of(twin_) == Spread.of(defined)

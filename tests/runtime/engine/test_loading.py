@@ -124,12 +124,12 @@ def test_holes_are_filled_by_path():
     arrangement.unload("A")
     arrangement.unload("B")
     assert names(arrangement) == ["A.0"]
-    assert arrangement.number_of_machines == 3
+    assert arrangement.control.number_of_machines == 3
     assert arrangement.load(define("A", [State("x")], path="elsewhere")) == 3
     assert arrangement.load(B) == 1
     assert arrangement.load(A, path="elsewhere") == 4
     assert arrangement.load(A) == 0
-    assert [arrangement.name_of(i) for i in range(5)] == ["A.2", "B", "A.0", "A", "A.1"]
+    assert [arrangement.control.name_of(i) for i in range(5)] == ["A.2", "B", "A.0", "A", "A.1"]
 
 
 def test_a_library_that_gives_a_path():
@@ -149,7 +149,7 @@ def test_requests_return_the_status_before():
     assert arrangement.status("A") is Status.RUNNING
     arrangement.round()
     assert arrangement.status("A") is Status.SUSPENDED
-    assert (arrangement.is_suspended("A"), arrangement.is_running("A")) == (True, False)
+    assert (arrangement.is_suspended("A"), arrangement.control.is_running("A")) == (True, False)
     assert arrangement.restart("A") is Status.SUSPENDED
     assert arrangement.resume("A") is Status.ERROR
     arrangement.round()
@@ -158,7 +158,7 @@ def test_requests_return_the_status_before():
 
 def test_suspend_all_from_outside_means_all():
     arrangement = Arrangement([A, B])
-    arrangement.suspend_all()
+    arrangement.control.suspend_all()
     arrangement.round()
     assert arrangement.is_suspended("A")
     assert arrangement.is_suspended("B")
@@ -167,7 +167,7 @@ def test_suspend_all_from_outside_means_all():
 
 def test_abandon_from_outside():
     arrangement = Arrangement([A])
-    assert arrangement.abandon("A") is True
+    assert arrangement.control.abandon("A") is True
     assert arrangement.state_name_of("A") == "asleep"
 
 
@@ -182,7 +182,6 @@ NAMED = [
     "index_of",
     "state_name_of",
     "unload",
-    "machine",
 ]
 
 
@@ -191,10 +190,10 @@ def test_every_call_that_takes_a_name_refuses_an_unknown_one(call: str):
     arrangement = Arrangement([A, B])
     arrangement.unload("B")
     with pytest.raises(UnknownMachineError, match="no machine 'B'; loaded: A") as caught:
-        getattr(arrangement, call)("B")
+        getattr(arrangement.control, call)("B")
     assert isinstance(caught.value, LookupError)
     with pytest.raises(UnknownMachineError, match="no machine 'A'; loaded: none"):
-        getattr(Arrangement(), call)("A")
+        getattr(Arrangement().control, call)("A")
 
 
 @pytest.mark.parametrize("index", [-1, 1, 2])
@@ -202,7 +201,7 @@ def test_no_machine_at_an_index(index: int):
     arrangement = Arrangement([A, B])
     arrangement.unload("B")
     with pytest.raises(UnknownMachineError, match=f"no machine at index {index}; loaded: A"):
-        arrangement.name_of(index)
+        arrangement.control.name_of(index)
 
 
 # What a machine asks

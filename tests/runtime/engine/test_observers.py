@@ -10,8 +10,8 @@ import pytest
 from definition import BUILT
 from llfsm.runtime import Arrangement, Machine, ManualClock, ObserverError, Reason, State, Trace
 from llfsm.runtime.engine import events as ev
-from llfsm.runtime.engine.ringlet import ringlet
-from llfsm.runtime.engine.rotation import Rotation
+from llfsm.runtime.engine.kernel import Kernel
+from llfsm.runtime.engine.ringlet import DefinedRotation, defined_ringlet
 
 
 class Ping(Machine):
@@ -88,7 +88,7 @@ def test_attach_and_detach_within_a_section(section: str):
     assert toggler.state_name == ("b" if section == "on_exit" else "a")
     assert not toggler.attached
     before = len(trace)
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
     toggler.suspend_self()
     arrangement.round()
     assert len(trace) == before
@@ -142,7 +142,7 @@ def test_without_observers_nothing_stands_between_a_round_and_the_machines_own_f
         def go(self) -> bool:
             frame = sys._getframe(1)
             callers = []
-            while frame.f_code is not Arrangement.round.__code__:
+            while frame.f_code is not Kernel.round.__code__:
                 callers.append(frame.f_code)
                 frame = frame.f_back
             self.callers = tuple(callers)
@@ -152,7 +152,7 @@ def test_without_observers_nothing_stands_between_a_round_and_the_machines_own_f
     arrangement = Arrangement([caller])
     trace = Trace()
     arrangement.round()
-    defined = ringlet, Rotation.give_turns, Rotation.give_round
+    defined = defined_ringlet, DefinedRotation.give_turns, DefinedRotation.give_round
     nothing = () if BUILT else tuple(each.__code__ for each in defined)
     assert caller.callers == nothing
     arrangement.attach(trace)

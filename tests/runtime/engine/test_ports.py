@@ -162,7 +162,7 @@ def test_a_failed_load_leaves_nothing_behind():
     arrangement = Arrangement()
     with pytest.raises(LoadError):
         arrangement.load(Echo)
-    assert arrangement.number_of_machines == 0
+    assert arrangement.control.number_of_machines == 0
     assert arrangement.machines == ()
 
 

@@ -15,7 +15,7 @@ import pytest
 from definition import BUILT, Defined
 from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Reason, Sensor, State
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.status_publisher import Presence
+from llfsm.runtime.presence.status_publisher import StatusPublisher
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for
@@ -91,7 +91,7 @@ def run(kind: type[Arrangement], deed: str, at: int, *, observed: bool) -> list[
     )
     reason = arrangement.run(max_rounds=80)
     assert first.turns >= at
-    seen += [reason, arrangement.rounds, clock.now_ns(), arrangement.standings()]
+    seen += [reason, arrangement.rounds, clock.now_ns(), arrangement.roster.standings()]
     return [*seen, board[B].count]
 
 
@@ -107,9 +107,9 @@ def test_others_are_looked_after_only_when_something_is_due(
     kind: type[Arrangement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks: list[bool] = []
-    look = Presence.look
+    look = StatusPublisher.look
     monkeypatch.setattr(
-        Presence, "look", lambda self, *, idle: [looks.append(idle), look(self, idle=idle)]
+        StatusPublisher, "look", lambda self, *, idle: [looks.append(idle), look(self, idle=idle)]
     )
     arrangement = kind([Waits()], whiteboard=Whiteboard.local(), clock=ManualClock())
     arrangement.run(max_rounds=35)  # 350 ms: one status that still holds is posted again
@@ -133,7 +133,7 @@ def test_no_python_runs_between_rounds_of_machines_that_wait(
 
             return super().doze(duration_ns, until_ns, counted)
 
-    monkeypatch.setattr(Presence, "due_ns", 2**63 - 1)
+    monkeypatch.setattr(StatusPublisher, "due_ns", 2**63 - 1)
 
     def look(machine: Any) -> None:
         if machine.turns == 30:
@@ -178,7 +178,7 @@ def test_no_machine_has_a_turn_after_the_end(kind: type[Arrangement]) -> None:
     arrangement.round()
     turns = waits.turns
     with pytest.raises(Exception, match="this arrangement has ended"):
-        arrangement.rest(sleep)
+        arrangement.kernel.rest(sleep)
     assert waits.turns == turns + 1
 
 
@@ -206,7 +206,7 @@ def test_nobody_sleeps_after_a_change(kind: type[Arrangement], deed: str, order:
         library={"More": Stays},
     )
     arrangement.round()
-    arrangement.rest(sleep)
+    arrangement.kernel.rest(sleep)
     assert slept == [2]  # in the third round it was done, and a restart left Stays where it was
 
 

@@ -128,7 +128,7 @@ def test_a_name_that_is_taken_gets_a_number():
     names = [machine.name for machine in arrangement.machines]
     assert names == ["bob", "bob.0", "bob.1"]
     assert arrangement.machine("bob.0").more == 4
-    assert arrangement.index_of("bob.0") == 1  # a hole of its class
+    assert arrangement.control.index_of("bob.0") == 1  # a hole of its class
 
 
 def test_an_instance_suspended_from_the_start_has_its_own_slots_too():
@@ -204,7 +204,7 @@ def test_what_cannot_be_loaded_leaves_nothing(
     arrangement = Arrangement(whiteboard=board, library={"made": lambda: Adder(more=1)})
     with pytest.raises(error, match=message):
         arrangement.load(machine, **how)
-    assert (arrangement.number_of_machines, arrangement.machines) == (0, ())
+    assert (arrangement.control.number_of_machines, arrangement.machines) == (0, ())
     assert board.get_message(SAID) is None  # nothing at_end
     arrangement.load(Adder)  # the next one is as if nothing had been
     assert arrangement.machines[0].name == "Adder"

@@ -93,7 +93,7 @@ def suspend_from_outside(arrangement: Arrangement, machine: Any, other: Any) -> 
 
 
 def hold(arrangement: Arrangement, machine: Any, other: Any) -> None:
-    arrangement.hold("Mover")
+    arrangement.control.hold("Mover")
     arrangement.round()
 
 

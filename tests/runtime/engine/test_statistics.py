@@ -149,7 +149,7 @@ def restarted(arrangement: Arrangement) -> None:
 
 def abandoned(arrangement: Arrangement) -> None:
     arrangement.load(Idle)
-    arrangement.abandon("Idle")
+    arrangement.control.abandon("Idle")
 
 
 @pytest.mark.parametrize("timed", [False, True])
@@ -171,13 +171,13 @@ def test_every_ringlet_is_counted_however_a_machine_begins(
     for _ in range(3):
         arrangement.round()
     begin(arrangement)
-    assert arrangement.progress("Idle") == (besides, 0)
+    assert arrangement.roster.find("Idle").progress == (besides, 0)
     for rounds in range(1, 4):
         arrangement.round()
-        assert arrangement.progress("Idle") == (rounds + besides, 0)
+        assert arrangement.roster.find("Idle").progress == (rounds + besides, 0)
     arrangement.restart("Idle")
     arrangement.round()
-    assert arrangement.progress("Idle") == (4 + besides, 0)
+    assert arrangement.roster.find("Idle").progress == (4 + besides, 0)
 
 
 def test_a_turn_that_fails_counts_and_is_timed():
@@ -271,7 +271,7 @@ def test_a_machine_that_takes_the_name_of_one_asked_to_stop_is_timed_on():
     arrangement.load(Idle, name="Brief")
     arrangement.round()
     clock.advance(s=1)
-    arrangement.unload_stopped(grace_ns=0)  # the one that was asked is long gone
+    arrangement.control.unload_stopped(grace_ns=0)  # the one that was asked is long gone
     clock.advance(s=2)
     assert statistics(arrangement)["Brief"].state_s == {"a": 3.0, "b": 0.0}
 

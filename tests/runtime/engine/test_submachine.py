@@ -37,7 +37,7 @@ def test_a_machine_sums_what_others_compute(unload_accepting: bool, observed: bo
     assert arrangement.run(max_rounds=200) is Reason.ACCEPTING
     assert sums.total == 1 + 4 + 9 + 16
     # Several calls in a row use one hole, unless machines that accept stay.
-    assert arrangement.number_of_machines == (2 if unload_accepting else 5)
+    assert arrangement.control.number_of_machines == (2 if unload_accepting else 5)
 
 
 def test_a_call_by_name_finds_the_library():

@@ -47,7 +47,7 @@ def test_cancelling_twice_or_after_the_end_changes_nothing():
     for _ in range(6):
         arrangement.round()
     second.cancel()
-    assert (again.failed, arrangement.index_of("Stuck")) == (False, 1)
+    assert (again.failed, arrangement.control.index_of("Stuck")) == (False, 1)
     assert (second.done, second.failed) == (True, False)
 
 

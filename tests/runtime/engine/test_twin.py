@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from definition import BUILT, Defined
 from llfsm.runtime import Actuator, Arrangement, ExecutionError, Machine, ManualClock, Sensor, State
-from llfsm.runtime.engine import events, twin
+from llfsm.runtime.engine import events, ringlet
 from llfsm.runtime.engine.machine import define
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -132,10 +132,10 @@ class World:
                 if self.watched and argument % 4 == 0:
                     self.arrangement.attach(self.observe)
             case "load":
-                if self.arrangement.number_of_machines < 6:
+                if self.arrangement.control.number_of_machines < 6:
                     machine.load("A")
             case "call":
-                if self.arrangement.number_of_machines < 6:
+                if self.arrangement.control.number_of_machines < 6:
                     machine.call_machine("A")
             case "suspend all":
                 machine.suspend_all()
@@ -185,14 +185,16 @@ class World:
         ]:
             getattr(self.arrangement, what)(NAMES[number % 3])
         try:
-            self.did.append(self.arrangement.rest(sleep))
+            self.did.append(self.arrangement.kernel.rest(sleep))
         except BaseException as error:
             self.did.append((type(error), text(error), text(repr(error.__cause__))))
         self.clock.advance(ms=5)
-        self.did.append(self.arrangement.standings())
+        self.did.append(self.arrangement.roster.standings())
         for machine in self.arrangement.machines:
-            self.did.append((machine.left, machine.right, self.arrangement.arrival(machine.name)))
-            self.did.append(text(self.arrangement.failure(machine.name)))
+            self.did.append(
+                (machine.left, machine.right, self.arrangement.roster.find(machine.name).arrival())
+            )
+            self.did.append(text(self.arrangement.roster.find(machine.name).failure))
         self.did.append((self.board.get_message(OUT), self.board[OUT].count))
         if self.schedule:
             self.did.append(self.arrangement.statistics())
@@ -262,7 +264,7 @@ def test_a_million_turns_keep_no_references(clock: ManualClock | None) -> None:
     arrangement = Arrangement(
         machines, whiteboard=board, clock=clock, on_error="suspend", timed=clock is None
     )
-    state, seat = Busy.table.states[0], arrangement.seat(machines[0].name)
+    state, seat = Busy.table.states[0], arrangement.roster.find(machines[0].name)
     held = [machines[0], board.get_message(LEFT), Busy.right.default, state.sections["OnEntry"],
             state.transitions[0].guard, seat, *seat.states.values()]  # fmt: skip
     if sys.version_info < (3, 12):  # later ones do not count references to these
@@ -322,7 +324,7 @@ def test_a_state_without_a_clock_has_lasted_for_ever(kind: type[Arrangement]) ->
 
 def loaded() -> tuple[Arrangement, Any]:
     arrangement = Arrangement([Busy], whiteboard=Whiteboard.local(), timed=True)
-    return arrangement, arrangement.seat("Busy")
+    return arrangement, arrangement.roster.find("Busy")
 
 
 @pytest.mark.parametrize("field", ["machine", "request", "sensors", "current", "previous", "now"])
@@ -355,10 +357,10 @@ def test_a_field_that_is_of_another_type_is_an_error(field: str, value: object) 
 def test_only_seats_have_ringlets() -> None:
     wrong: Any = object()
     with pytest.raises(TypeError, match="a ringlet is one of a seat, not of <object"):
-        twin.ringlet(wrong)
+        ringlet.ringlet(wrong)
     with pytest.raises(TypeError, match="not iterable"):
-        Arrangement().give_turns(wrong)
-    assert twin.running(wrong) is None
+        Arrangement().kernel.give_turns(wrong)
+    assert ringlet.running(wrong) is None
 
 
 @pytest.mark.parametrize("of", ["costs", "jitters"])
@@ -367,7 +369,7 @@ def test_only_meters_time_turns_and_only_histograms_count(of: str) -> None:
     wrong: Any = object()
     arrangement.round()
     setattr(seat.meter, of, wrong)
-    stopwatch: Any = arrangement.stopwatch
+    stopwatch: Any = arrangement.kernel.stopwatch
     stopwatch.deadline_ns = 0
     stopwatch.take(seat, False) if of == "jitters" else None
     with pytest.raises(TypeError, match="a Histogram is of another type"):
@@ -376,6 +378,6 @@ def test_only_meters_time_turns_and_only_histograms_count(of: str) -> None:
         stopwatch.begin_due(0, 0, wrong)
     with pytest.raises(TypeError, match="a seat is of another type"):
         stopwatch.take(wrong, False)
-    arrangement.stopwatch = wrong
+    arrangement.kernel.stopwatch = wrong
     with pytest.raises(TypeError, match="a stopwatch is of another type"):
         arrangement.round()

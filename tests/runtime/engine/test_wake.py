@@ -25,6 +25,7 @@ from llfsm.runtime import (
     Trace,
 )
 from llfsm.runtime.engine.events import Event, IdleSleep, RoundBegin
+from llfsm.runtime.engine.kernel import Control
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -261,15 +262,15 @@ def test_a_request_to_another_process_does_not_end_it(board: Board) -> None:
 
 
 @pytest.mark.parametrize("on_board", [True, False])
-@pytest.mark.parametrize("ask", [Arrangement.suspend, Arrangement.hold, Arrangement.restart])
+@pytest.mark.parametrize("ask", [Control.suspend, Control.hold, Control.restart])
 def test_a_request_of_another_thread_ends_it(
-    board: Board, on_board: bool, ask: Callable[[Arrangement, str], object]
+    board: Board, on_board: bool, ask: Callable[[Control, str], object]
 ) -> None:
     with running(Stops, Ends, whiteboard=board if on_board else None) as (arrangement, sleeps):
         sleeps.acquire()
-        ask(arrangement, "Stops")
+        ask(arrangement.control, "Stops")
         sleeps.acquire()
-        assert arrangement.standing("Stops").request is None
+        assert arrangement.roster.find("Stops").standing().request is None
 
 
 def test_a_request_of_a_machine_does_not_end_it(board: Board) -> None:
@@ -281,7 +282,7 @@ def test_a_request_of_a_machine_does_not_end_it(board: Board) -> None:
     with running(Stops, Asks, whiteboard=board) as (arrangement, sleeps):
         sleeps.acquire()
         assert not sleeps.acquire(timeout=0.1)  # less only makes this test weaker
-        assert arrangement.standing("Stops").request == "restart"
+        assert arrangement.roster.find("Stops").standing().request == "restart"
 
 
 @pytest.mark.parametrize("on_board", [True, False])

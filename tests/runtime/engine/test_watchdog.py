@@ -114,7 +114,7 @@ def test_it_goes_on_when_the_section_returns() -> None:
         board.add_message(FREE, Int32())
         wait_for(lambda: machine.state_name == "done")
         run.arrangement.stop()
-    assert run.arrangement.hang("Hangs") == ""
+    assert run.arrangement.roster.find("Hangs").hang == ""
 
 
 class Quick(Machine):

@@ -18,7 +18,7 @@ from llfsm.runtime.journal.entries import entries_of
 from llfsm.runtime.journal.handover import Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.status_publisher import Presence
+from llfsm.runtime.presence.status_publisher import StatusPublisher
 from llfsm.whiteboard import Board, BoardFullError, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
@@ -273,7 +273,7 @@ def running() -> Iterator[tuple[Board, Arrangement, Any]]:
             arrangement.round()
             presence.look(idle=True)
 
-    presence = Presence(arrangement, board)
+    presence = StatusPublisher(arrangement, board)
     return board, arrangement, step
 
 
@@ -282,7 +282,7 @@ def test_without_a_recorder_nothing_is_observed_and_nothing_handed_over(running:
     step()
     board.add_message(RECORDER, Recorder())  # one has ended
     step()
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
     assert not journals_on(board)
 
 
@@ -302,7 +302,7 @@ def test_who_comes_later_gets_the_events_from_then_on_until_it_leaves(running: A
     assert not any(part.whole for part in taker.parts)
     board.add_message(RECORDER, Recorder())
     step()
-    assert not arrangement.observers
+    assert not arrangement.kernel.observers
     later = Taker(board)
     for _ in range(3):
         step()
@@ -352,10 +352,12 @@ def test_machines_do_the_same_while_they_are_recorded_and_after() -> None:
             clock.advance(ms=12)
             arrangement.round()
             sample = board[SEEN].sample()
-            found.append((arrangement.standings(), sample and sample.message, sample and sample[1]))
+            found.append(
+                (arrangement.roster.standings(), sample and sample.message, sample and sample[1])
+            )
         if record:  # nothing is kept any more, and nothing tapped
             assert before == len(handover.journal.reads)
-            assert not arrangement.observers
+            assert not arrangement.kernel.observers
             assert not isinstance(arrangement.environment, JournalledEnvironment)
             arrangement.stop()
             arrangement.suspend("Echo")

@@ -117,7 +117,7 @@ class Stopped(Machine):
 
     @here.internal
     def _(self) -> None:
-        self._seat.arrangement.stop()
+        self._seat.kernel.stop("stop() was called")
         self.seen += (self.stopping,)
 
     here.to(there, when=lambda m: m.stopping)

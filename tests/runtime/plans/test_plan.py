@@ -153,12 +153,9 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
     arrangement = made(reported)
     assert names(arrangement) == ["left", "Counter"]
     assert arrangement.is_suspended("Counter")
-    assert (arrangement.idle_us, arrangement.wake, arrangement.unload_accepting) == (
-        0,
-        False,
-        False,
-    )
-    assert arrangement.on_error == "suspend"
+    assert arrangement.pace[:2] == (0, False)
+    assert not arrangement.kernel.unload_accepting
+    assert arrangement.kernel.on_error == "suspend"
 
 
 def test_what_a_file_need_not_say(tmp_path: Path) -> None:
@@ -167,14 +164,15 @@ def test_what_a_file_need_not_say(tmp_path: Path) -> None:
     assert reported.timetable(["Other"]) is None
     arrangement = made(reported)
     bare = Arrangement()
-    assert arrangement.idle_us == bare.idle_us
-    assert arrangement.unload_accepting is bare.unload_accepting
-    assert arrangement.on_error == bare.on_error
-    assert not arrangement.paced
+    assert arrangement.pace.idle_us == bare.pace.idle_us
+    assert arrangement.kernel.unload_accepting is bare.kernel.unload_accepting
+    assert arrangement.kernel.on_error == bare.kernel.on_error
+    assert arrangement.kernel.pacer is None
 
 
 def test_a_period_for_all(tmp_path: Path) -> None:
-    assert made(plan(tmp_path, 'period_us = 5\n[[machine]]\ndefinition = "Other"')).paced
+    reported = plan(tmp_path, 'period_us = 5\n[[machine]]\ndefinition = "Other"')
+    assert made(reported).kernel.pacer is not None
 
 
 MACHINE = '[[machine]]\ndefinition = "Other"\n'
@@ -279,8 +277,8 @@ def test_with_a_timetable_a_preloaded_machine_has_its_turns(tmp_path: Path) -> N
         "period_us = 10\nstart_us = 5",
     )
     arrangement = made(reported, library=CLASSES)
-    assert arrangement.timetable is not None
-    assert arrangement.timetable.machines == ("Other", "Loader")
+    assert arrangement.kernel.timetable is not None
+    assert arrangement.kernel.timetable.machines == ("Other", "Loader")
     with pytest.raises(LoadError, match="Counter has no slot in the timetable"):
         arrangement.load(Counter)
     assert arrangement.load("Other") == 1

@@ -99,7 +99,7 @@ def test_who_asks_from_outside_reaches_it_too(board: Whiteboard, processes: Proc
     assert arrangement.state_name_of("Worker") == "ASLEEP"
     assert arrangement.status("Worker") is Status.SUSPENDED
     assert arrangement.restart("Worker") is Status.SUSPENDED
-    wait_for(lambda: arrangement.is_running("Worker"), "not running")
+    wait_for(lambda: arrangement.control.is_running("Worker"), "not running")
 
 
 def test_a_stop_through_the_board_ends_the_process_of_a_lone_machine(
@@ -161,7 +161,7 @@ def test_a_machine_that_nobody_runs_is_unknown_and_others_are_named(
         arrangement.resume,
         arrangement.restart,
         arrangement.is_suspended,
-        arrangement.is_running,
+        arrangement.control.is_running,
         arrangement.status,
         arrangement.state_name_of,
     ):
@@ -174,7 +174,7 @@ def test_a_machine_that_nobody_runs_is_unknown_and_others_are_named(
         assert caught.value.elsewhere == ("Worker",)
 
 
-@pytest.mark.parametrize("ask", ["index_of", "unload", "abandon", "machine", "stop_machine"])
+@pytest.mark.parametrize("ask", ["index_of", "unload", "abandon", "hold", "stop_machine"])
 def test_what_is_done_here_only_knows_machines_here_only(board: Whiteboard, ask: str):
     parent = os.getppid()
     status = MachineStatus(
@@ -182,9 +182,9 @@ def test_what_is_done_here_only_knows_machines_here_only(board: Whiteboard, ask:
     )
     board.add_message(status_slot("Other"), status)
     arrangement = Arrangement([Asks], whiteboard=board)
-    assert arrangement.is_running("Other")
+    assert arrangement.control.is_running("Other")
     with pytest.raises(UnknownMachineError, match=r"no machine 'Other'; loaded: Asks$"):
-        getattr(arrangement, ask)("Other")
+        getattr(arrangement.control, ask)("Other")
 
 
 def test_without_a_board_only_machines_here_are_known():

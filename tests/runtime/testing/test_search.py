@@ -100,7 +100,7 @@ def test_what_holds_passes():
         invariant=door_is_closed_while_moving,
         tries=20,
     )
-    check_invariant(Settler, invariant=lambda now: now.number_of_machines == 1, tries=20)
+    check_invariant(Settler, invariant=lambda now: len(now.machines) == 1, tries=20)
 
 
 def test_time_is_searched_too():

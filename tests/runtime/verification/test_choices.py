@@ -221,7 +221,7 @@ def test_time_limits_end_an_exploration() -> None:
 
 def test_an_exploration_ends_within_a_large_level(monkeypatch: pytest.MonkeyPatch) -> None:
     """States are expanded one at a time here; the level that was begun does not count."""
-    monkeypatch.setattr("llfsm.runtime.verification.breadth_first.STATES_AT_ONCE", 1)
+    monkeypatch.setattr("llfsm.runtime.verification._breadth_first.STATES_AT_ONCE", 1)
     depths: list[int] = []
 
     def stop(now: Progress) -> bool:

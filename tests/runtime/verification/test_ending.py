@@ -10,7 +10,7 @@ import pytest
 
 from llfsm.runtime import State, define
 from llfsm.runtime.verification import NO_FAILURE, Space, always, explore, leads_to, reachable
-from llfsm.runtime.verification.ringlets import Deadline, TimeUpError
+from llfsm.runtime.verification._ringlets import Deadline, TimeUpError
 
 COUNTED = State("COUNTED")
 COUNTED.internal(lambda self: setattr(self, "n", (self.n + 1) % 5))
@@ -71,7 +71,7 @@ def test_time_limits_hold_for_repetitions(monkeypatch: pytest.MonkeyPatch) -> No
         ringlets.deadline.at_s = 0
         ringlets.run_ringlet(next(kept)[0])
 
-    monkeypatch.setattr("llfsm.runtime.verification.exploring.check_determinism", late)
+    monkeypatch.setattr("llfsm.runtime.verification._exploring.check_determinism", late)
     space = explored()
     assert (space.complete, space.cut) == (False, True)
     assert [each.holds for each in space.verdicts] == [None, None, True, None, None]

@@ -234,7 +234,7 @@ def test_code_may_not_depend_on_which_of_equal_messages_it_has() -> None:
 def test_a_variable_without_end_is_named_and_can_be_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("llfsm.runtime.verification.system.MOST_VALUES", 500)
+    monkeypatch.setattr("llfsm.runtime.verification._system.MOST_VALUES", 500)
     made = machine(assign("n", lambda self: self.n + 1))
     with pytest.raises(VerificationError, match="n has had 501 values"):
         explore(made, period_ms=100)

@@ -66,7 +66,7 @@ def test_a_run_ends_after_a_stop_unless_a_resume_is_there() -> None:
 
         def ask(event: Event, arrangement: Arrangement = arrangement, wakes: bool = wakes) -> None:
             if isinstance(event, Turn) and event.round == 2:
-                arrangement.hold("Sleeper")
+                arrangement.control.hold("Sleeper")
             elif isinstance(event, Turn) and event.round == 4:
                 arrangement.stop()
             elif isinstance(event, RoundEnd) and event.round == 4 and wakes:

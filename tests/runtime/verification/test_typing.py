@@ -15,7 +15,7 @@ from typing import get_type_hints
 import pytest
 
 from llfsm.runtime.verification import Property, PropertyError, every, explore, never, verify
-from llfsm.runtime.verification.exploring import ExploreOptions
+from llfsm.runtime.verification._exploring import ExploreOptions
 
 HERE = Path(__file__).parent / "typed"
 ROOT = Path(__file__).parents[3]
@@ -66,7 +66,7 @@ def test_verify_takes_the_options_of_explore() -> None:
 
 def _names() -> dict[str, object]:
     """Return the names that only type checkers import."""
-    from llfsm.runtime.engine.arrangement import Factory, OnError
+    from llfsm.runtime.engine.kernel import Factory, OnError
     from llfsm.whiteboard import Slot
 
     return {"Factory": Factory, "OnError": OnError, "Slot": Slot}

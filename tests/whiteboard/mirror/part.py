@@ -11,7 +11,7 @@ from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value, Version
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import NoVersionLog, Store, VersionLog
+from llfsm.whiteboard.mirror.store import Store, VersionLog
 
 
 class Number(Message, type_name="test/Number"):
@@ -40,7 +40,7 @@ class Part:
             self.board,
             host,
             lambda stamp_ns: stamp_ns + self.set_ns,
-            versions or NoVersionLog(),
+            versions or VersionLog(),
             lambda: wall_ns() + chosen.ahead_ns,
         )
         self.exchange = Exchange(self.store, chosen, lambda: self.now_ns, wall_ns)

@@ -11,7 +11,7 @@ import pytest
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.llfsm import MIRROR
 from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, Version, decoder
-from llfsm.whiteboard.mirror.store import NoVersionLog
+from llfsm.whiteboard.mirror.store import VersionLog
 
 from .part import NUMBER, Number, Part, Text, batch
 
@@ -46,7 +46,7 @@ def test_of_one_time_the_larger_host_counts() -> None:
         assert part.get() == Number(3)
 
 
-class RacingVersionLog(NoVersionLog):
+class RacingVersionLog(VersionLog):
     """Lets something happen at the last moment before a message is added."""
 
     def __init__(self) -> None:

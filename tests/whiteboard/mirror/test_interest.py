@@ -18,7 +18,7 @@ from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.peers import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import NoVersionLog, Store
+from llfsm.whiteboard.mirror.store import Store, VersionLog
 from simulation import World, fleet
 from thoroughness import examples
 
@@ -209,7 +209,7 @@ class Lazy(Part):
         self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
         self.watch = self.board.watcher()
         now = lambda: self.now_ns  # noqa: E731
-        self.store = Store(self.board, 1, lambda stamp: stamp, NoVersionLog(), lambda: 2**62)
+        self.store = Store(self.board, 1, lambda stamp: stamp, VersionLog(), lambda: 2**62)
         self.exchange = Exchange(self.store, settings, now, now, self.read.__contains__)
 
 

@@ -22,7 +22,7 @@ from llfsm.bridges.ros2.errors import DomainIdError, RosArgumentError
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
 from llfsm.cli.console import ending_once, log_to_console, stop_for_good
-from llfsm.cli.options import BoardPlace, board_option, end_with_input
+from llfsm.cli.options import BoardPlace, board_option, end_with_input, file_option
 from llfsm.cli.ros_options import (
     BridgeOptions,
     RosCommand,
@@ -39,11 +39,9 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=RosCommand)
-@click.option(
+@file_option(
     "--config",
     "file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="What to connect, as TOML; see docs/how-to/ros2.md.",
 )
 @click.option(
@@ -269,8 +267,7 @@ def _run(
             logging.getLogger().addHandler(bridge.log)
             stack.callback(logging.getLogger().removeHandler, bridge.log)
         stack.enter_context(GuardThread(*options.board, after_s=_MEET_S))
-        if options.until_eof:
-            end_with_input()
+        end_with_input()
         stop_for_good(asked.make)
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)

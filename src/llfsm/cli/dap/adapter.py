@@ -27,8 +27,7 @@ from llfsm.cli.debug.session import Session, clock_of
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.run.running import place_of_call
 from llfsm.cli.run.world import recorded
-from llfsm.errors import LlfsmError
-from llfsm.runtime.engine.failure import one_line
+from llfsm.errors import LlfsmError, one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 
@@ -178,7 +177,7 @@ class Adapter:
             os.chdir(folder)
         except OSError as error:
             raise LlfsmError(f"`cwd`: {folder}: {error.strerror}") from error
-        resolved = parse_arguments([str(each) for each in given], None, (), ())
+        resolved = parse_arguments([str(each) for each in given])
         plan, board = resolved.plan, arguments.get("board")
         wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
         environment = self._stack.enter_context(recorded(None, wb, plan, clock_of(plan)))

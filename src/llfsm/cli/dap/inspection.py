@@ -28,7 +28,6 @@ from llfsm.whiteboard import Message as BoardMessage
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.causes import Cause
-    from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
 
 
@@ -53,7 +52,8 @@ def breakpoints_at(
         here = [
             place
             for place in _places(name, cls)
-            if _is_same(place.file, file) and place.first <= line <= place.last
+            if place.first <= line <= place.last
+            and os.path.realpath(place.file) == os.path.realpath(file)
         ]
         if here:
             found.append(min(here, key=lambda place: place.last - place.first))
@@ -120,10 +120,6 @@ def _declared(cls: type[Machine]) -> dict[str, SourceRange]:
     return found
 
 
-def _is_same(one: str, other: str) -> bool:
-    return os.path.realpath(one) == os.path.realpath(other)
-
-
 _texts: Final = ValueText(1000)
 
 
@@ -144,9 +140,10 @@ class Inspection:
         frames: list[Message] = []
         if name:
             cls, state = type(arrangement.machine(name)), arrangement.state_name_of(name)
-            enters = arrangement.arrival(name).entered_ns is None
+            enters = arrangement.roster.find(name).arrival().entered_ns is None
             section = "OnEntry" if enters else "transitions"
-            here, error = state_at(cls, state), self._error_of(name)
+            here, fired = state_at(cls, state), session.debugger.fired
+            error = fired.error if fired is not None and fired.machine == name else None
             code = section_at(cls, state, section) or here
             if error is not None and error.filename is not None and error.line is not None:
                 section, state = error.step, error.state
@@ -163,16 +160,12 @@ class Inspection:
         end = first + int(arguments.get("levels") or len(frames))
         return {"stackFrames": frames[first:end], "totalFrames": len(frames)}
 
-    def _error_of(self, machine: str) -> ExecutionError | None:
-        fired = self._session.debugger.fired
-        return fired.error if fired is not None and fired.machine == machine else None
-
     def scopes(self, arguments: Message) -> Message:
         """Return the scopes of a frame: its machine's, or one for each machine of all."""
         session = self._session
         arrangement = session.arrangement
         if arguments.get("frameId") == 4:
-            standings = filter(None, arrangement.standings())
+            standings = filter(None, arrangement.roster.standings())
             scopes = [
                 self._scope(f"{each.machine} in {each.state}", _all_of, each.machine)
                 for each in standings
@@ -238,7 +231,7 @@ class Inspection:
         """
         text, session = str(arguments.get("expression", "")), self._session
         arrangement, name = session.arrangement, session.machine
-        entered_ns = arrangement.arrival(name).entered_ns
+        entered_ns = arrangement.roster.find(name).arrival().entered_ns
         elapsed_ns = None if entered_ns is None else session.debugger.now_ns - entered_ns
         state = arrangement.state_name_of(name)
         try:

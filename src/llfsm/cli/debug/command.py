@@ -89,7 +89,7 @@ def _debug_live(
     recording: Path | None,
     board: BoardPlace,
 ) -> None:
-    resolved = parse_arguments(machines, None, (), ())
+    resolved = parse_arguments(machines)
     resolved.plan = replace(resolved.plan, breakpoints=(*resolved.plan.breakpoints, *breakpoints))
     place = board if resolved.plan.board is None else board._replace(name=resolved.plan.board)
     with (

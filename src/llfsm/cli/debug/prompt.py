@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 from llfsm.bridges.recording.reversing.reverse_debugger import SectionPlace
 from llfsm.cli.requests import why_lines
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, one_line
 from llfsm.runtime.debugging.obeying import why_of
-from llfsm.runtime.engine.failure import one_line
 from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.message_text import parse_message
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
     from llfsm.bridges.recording.reversing.client import Client
     from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger
     from llfsm.cli.debug.session import Session
-    from llfsm.runtime.debugging.debugger import Debugger, Step
-    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.debugging.debugger import Step
 
 
 STEPS: Final[dict[str, Step]] = {
@@ -48,48 +46,15 @@ class Command(NamedTuple):
     """The method that carries it out: takes the rest of the line, gives the lines to print."""
 
 
-class Debugged(Protocol):
-    """Machines that a prompt debugs; a method that lets them go on returns at their next pause."""
-
-    @property
-    def arrangement(self) -> Arrangement:
-        """The machines."""
-        ...
-
-    @property
-    def debugger(self) -> Debugger:
-        """The debugger that pauses them."""
-        ...
-
-    @property
-    def machine(self) -> str:
-        """The name of the machine to look at; of the first one if that is not known."""
-        ...
-
-    def break_at(self, *texts: str) -> None:
-        """Replace all breakpoints; raise `BreakpointError`."""
-        ...
-
-    def step(self, until: Step, machine: str | None = None) -> str:
-        """Make a step, and return as `wait` does."""
-        ...
-
-    def proceed(self) -> str:
-        """Go on, and return as `wait` does."""
-        ...
-
-    def wait(self) -> str:
-        """Wait until the machines are paused; return the cause, "" once they have ended."""
-        ...
-
-
 class Prompt:
     """Carry out commands on machines that are paused before and after each."""
+
+    _session: Session | ReverseDebugger
 
     commands: ClassVar[Mapping[str, Command]]
     """By name, in the order of `help`."""
 
-    def __init__(self, session: Debugged):
+    def __init__(self, session: Session | ReverseDebugger):
         self._session = session
         self.over = False
         """True once there is nothing more to do: the machines have ended, or `quit` was entered."""
@@ -151,7 +116,7 @@ class Prompt:
             case ("clear", 0):
                 return list(self._session.debugger.breakpoints)
             case ("break", 0):
-                return [*self._places(), *(f"@{slot}" for slot in arrangement.slots_read)]
+                return [*self._places(), *(f"@{slot}" for slot in arrangement.roster.slots_read)]
             case ("override" | "release", 1) if words[0] in machines:
                 return list(type(arrangement.machine(words[0])).table.sensors)
             case ("override" | "release" | "why", 0) | ("step" | "back" | "show", 1):
@@ -209,11 +174,11 @@ class Prompt:
             case "breakpoints":
                 yield from session.debugger.breakpoints or ("no breakpoints",)
             case "machines":
-                for each in filter(None, arrangement.standings()):
+                for each in filter(None, arrangement.roster.standings()):
                     yield f"{each.machine} in {each.state}"
             case "sensors":
                 found = arrangement.machine(machine or session.machine)
-                overridden = arrangement.overridden(found.name)
+                overridden = arrangement.roster.find(found.name).overridden
                 for name in type(found).table.sensors:
                     mark = "  (overridden)" if name in overridden else ""
                     yield f"{name} = {_texts.text(getattr(found, name))}{mark}"

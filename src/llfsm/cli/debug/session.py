@@ -11,7 +11,7 @@ from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger, Step
 from llfsm.runtime.engine.clock import Clock, DebugClock
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
-from llfsm.runtime.plans import Plan, assemble
+from llfsm.runtime.plans import Plan
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
@@ -35,9 +35,7 @@ class Session:
 
     def __init__(self, resolved: ResolvedPlan, environment: Environment):
         plan = resolved.plan
-        self.arrangement: Arrangement = assemble(
-            plan, resolved.classes, environment, library=resolved.library
-        )
+        self.arrangement: Arrangement = resolved.assemble(environment)
         self.library: Mapping[str, type[Machine]] = callable_machines(resolved.classes)
         self.debugger = Debugger(self.arrangement, on_pause=plan.on_pause)
         self.break_at(*plan.breakpoints)

@@ -16,9 +16,16 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import click
 
 from llfsm.bridges.turtlesim.simulator import Simulator
-from llfsm.cli.demo.parts import Parts, Processes, ProcessStatus, Threads
+from llfsm.cli.demo.parts import Processes, ProcessStatus, Threads
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
-from llfsm.cli.options import BoardPlace, Number, board_option, given_option, local_option
+from llfsm.cli.options import (
+    BoardPlace,
+    Number,
+    board_option,
+    file_option,
+    given_option,
+    local_option,
+)
 from llfsm.cli.ps import Watcher, machine_table, slot_table, turtle_field
 from llfsm.cli.turtlesim import draw_field
 from llfsm.cli.view import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
@@ -58,20 +65,16 @@ class _EndError(Exception):
 @click.command()
 @click.argument("name", type=click.Choice(list(_DEMOS)))
 @click.option("--seconds", type=Number(0), help="End after this time; by default at Ctrl-C.")
-@click.option(
+@file_option(
     "--picture",
     "target",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Draw the turtle's path: FILE.svg, FILE.png, or both if FILE has no suffix; by default "
     "demo-NAME.",
 )
 @board_option(default="demo")
 @click.option("--view", is_flag=True, help="Also show it on a page, and print its address.")
-@click.option(
+@file_option(
     "--record",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Record it for llfsm rerun; not with --ros.",
 )
 @local_option
@@ -277,7 +280,12 @@ class LiveBoard:
         return self._watcher
 
 
-def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: float | None) -> None:
+def show(
+    watcher: Callable[[], Watcher],
+    parts: Processes | Threads,
+    title: str,
+    seconds: float | None,
+) -> None:
     """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
     started = time.monotonic()
     until = float("inf") if seconds is None else started + seconds
@@ -312,7 +320,7 @@ def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: floa
         parts.wait(_FRAME_S / 2)
 
 
-def _reports(parts: Parts) -> Iterator[str]:
+def _reports(parts: Processes | Threads) -> Iterator[str]:
     while parts.reports:
         yield parts.reports.popleft()
 

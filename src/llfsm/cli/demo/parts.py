@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import click
 
@@ -24,7 +24,6 @@ from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.view import VIEW_PORT, listen, make_server, page_address
 from llfsm.errors import LlfsmError
-from llfsm.runtime.plans import assemble
 from llfsm.runtime.presence.live import LiveEnvironment
 
 if TYPE_CHECKING:
@@ -45,20 +44,6 @@ class ProcessStatus(NamedTuple):
     since_s: float
     output: str
     """The last line that it printed."""
-
-
-class Parts(Protocol):
-    """The parts of a demo, as the terminal shows them."""
-
-    reports: deque[str]
-
-    def statuses(self) -> list[ProcessStatus]:
-        """Return the status of each part."""
-        ...
-
-    def wait(self, seconds: float) -> None:
-        """Wait while the parts work."""
-        ...
 
 
 class _Process:
@@ -223,11 +208,7 @@ class Threads:
 
     def start_machines(self, names: Sequence[str]) -> None:
         """Start the machines of these names as one arrangement."""
-        resolved = parse_arguments(names, None, (), ())
-        environment = LiveEnvironment(self._board)
-        arrangement = assemble(
-            resolved.plan, resolved.classes, environment, library=resolved.library
-        )
+        arrangement = parse_arguments(names).assemble(LiveEnvironment(self._board))
         self._start("machine", arrangement.run, partial(arrangement.stop, "the demo ends"))
 
     def start_page(self, token: str) -> str:

@@ -19,6 +19,7 @@ from llfsm.cli.options import (
     board_option,
     break_option,
     end_with_input,
+    file_option,
     given_option,
     local_option,
     record_option,
@@ -139,10 +140,8 @@ class _Priority(Integer):
     is_flag=True,
     help="Run as a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
 )
-@click.option(
+@file_option(
     "--config",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="With --ros: what to connect, as for `llfsm bridge ros2`; by default topics named as "
     "the machines' slots.",
 )
@@ -161,25 +160,13 @@ def run(
     suspended: tuple[str, ...],
     preloaded: tuple[str, ...],
     table: Path | None,
-    verbose: int,
-    report: bool,
-    timed: bool,
     nonstop: bool,
     quiet: bool,
     recording: Path | None,
-    ros_time: bool,
-    ros: bool,
-    config: Path | None,
-    node: str | None,
-    lifecycle: bool,
-    transport: str,
-    domain: int | None,
-    router: tuple[str, ...],
     board: BoardPlace,
     local: bool,
-    until_eof: bool,
     remove_board: bool,
-    **overrides: Any,
+    **given: Any,
 ) -> None:
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
@@ -196,37 +183,30 @@ def run(
     llfsm run RosPingPong -v --local
     llfsm run --ros patrol.py:Patrol --ros-args -r __ns:=/robot
     """
-    _check_options(
-        nonstop=nonstop,
-        local=local,
-        ros=ros,
-        ros_time=ros_time,
-        lifecycle=lifecycle,
-        recording=recording,
-    )
+    _check_options(**click.get_current_context().params)
     resolved = parse_arguments(machines, table, suspended, preloaded)
-    plan = _with_options(resolved.plan, **overrides)
-    place = None if local else _place(plan, board, default=not ros)
+    graph = RosOptions(*map(given.pop, RosOptions._fields))
+    reports = Reports(*map(given.pop, Reports._fields))
+    plan = resolved.plan = _with_options(resolved.plan, **given)
+    place = None if local else _place(plan, board, default=not graph.ros)
     if recording is not None and place is None:
         raise click.UsageError(
             "--record with --ros needs a whiteboard for the recorder: add --board"
         )
-    graph = RosOptions(ros, ros_time, lifecycle, config, node, transport, domain, router)
-    joined = graph if ros or ros_time else None
+    joined = graph if graph.ros or graph.ros_time else None
     options = WorldOptions(place, local, remove_board, recording, nonstop, joined)
-    log_machines(is_on=not ros or ros_arguments().stdout)
+    log_machines(is_on=not graph.ros or ros_arguments().stdout)
     with open_world(options, plan, resolved.classes.values()) as world:
-        load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
-        if lifecycle:
+        load = partial(load_machines, resolved, reports)
+        if graph.lifecycle:
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:
             arrangement = load(world.environment)
-            execute = partial(run_machines, arrangement, timed=timed)
+            execute = partial(run_machines, arrangement, timed=reports.timed)
         if not quiet:
             names = ", ".join(resolved.classes)
             click.echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
-        if until_eof:
-            end_with_input()
+        end_with_input()
         if nonstop:
             run_nonstop(execute, arrangement.stop)
         else:
@@ -241,6 +221,7 @@ def _check_options(
     ros_time: bool,
     lifecycle: bool,
     recording: Path | None,
+    **_: object,
 ) -> None:
     """Refuse options that do not go together."""
     if nonstop and recording is not None:

@@ -32,10 +32,8 @@ from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import Event, Reason, Request, Turn
-from llfsm.runtime.engine.histogram import Spread
-from llfsm.runtime.engine.statistics import MachineStatistics
+from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.watchdog import running_call
-from llfsm.runtime.plans import Plan, assemble
 
 _log = logging.getLogger(__name__)
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
@@ -156,20 +154,19 @@ def _spread(spread: Spread | None) -> str:
 
 
 class Reports(NamedTuple):
-    """The options that print: ``-v`` (how often it is given), ``-s`` and ``-t``."""
+    """The options that print, by their names: ``-v`` (how often it is given), ``-s``, ``-t``."""
 
     verbose: int
-    suspensions: bool
+    report: bool
     timed: bool
 
 
 def load_machines(
-    resolved: ResolvedPlan, plan: Plan, reports: Reports, environment: Environment
+    resolved: ResolvedPlan, reports: Reports, environment: Environment
 ) -> Arrangement:
-    """Load the machines of a plan, whose classes `resolved` has, with breakpoints and reports."""
-    arrangement = assemble(
-        plan, resolved.classes, environment, library=resolved.library, timed=reports.timed
-    )
+    """Load the machines of a plan, with breakpoints and reports."""
+    plan = resolved.plan
+    arrangement = resolved.assemble(environment, timed=reports.timed)
     if plan.on_pause != "keep" or plan.breakpoints:
         debugger = Debugger(arrangement, on_pause=plan.on_pause, lease_s=LEASE_S)
         library = callable_machines(resolved.classes) if plan.breakpoints else {}
@@ -177,7 +174,7 @@ def load_machines(
     if reports.verbose:
         with_path = reports.verbose > 1
         arrangement.attach(StateReport(arrangement, with_path=with_path, with_times=reports.timed))
-    if reports.suspensions:
+    if reports.report:
         arrangement.attach(SuspensionReport(arrangement))
     return arrangement
 
@@ -204,7 +201,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
                 texts = (timing_table(found), conditions(found), latency_drawing(found))
                 click.echo("\n".join(filter(None, texts)), err=True)
     if arrangement.reason is Reason.FAILED:
-        failed = ", ".join(arrangement.failed_machines)
+        failed = ", ".join(arrangement.roster.failed)
         raise click.ClickException(
             f"{failed} failed, and no other process can resume it: the run has ended"
         )

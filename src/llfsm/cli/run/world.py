@@ -37,11 +37,11 @@ from llfsm.cli.ros_options import open_chosen, ros_arguments
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.clock import Clock, DebugClock, SimulatedClock
 from llfsm.runtime.engine.environment import Environment
-from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.journal.handover import HANDOVER_LIMIT, Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.log import logger
 from llfsm.runtime.plans import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
@@ -138,12 +138,12 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
 
 
 class RosOptions(NamedTuple):
-    """The options ``--ros``, ``--ros-time`` and those that belong to them."""
+    """The options ``--ros``, ``--ros-time`` and those that belong to them, by their names."""
 
-    is_node: bool
-    follows_time: bool
+    ros: bool
+    ros_time: bool
     """If the machines run by the time on /clock."""
-    is_managed: bool
+    lifecycle: bool
     config: Path | None
     node: str | None
     transport: str
@@ -180,7 +180,7 @@ def open_world(
     a whiteboard raises.
     """
     ros, place = options.ros, options.place
-    is_managed = ros is not None and ros.is_managed
+    is_managed = ros is not None and ros.lifecycle
     clock: Clock | None = DebugClock() if plan.debug_clock else None
     live: MakeEnvironment = LiveEnvironment
     with ExitStack() as stack:
@@ -232,10 +232,8 @@ def join_graph(
 
     `place` is the shared whiteboard, if there is one. Raise ``click.ClickException``.
     """
-    connected = _connections(options, plan, classes, place) if options.is_node else None
-    follows_time = options.follows_time or (
-        connected is not None and _uses_simulated_time(connected)
-    )
+    connected = _connections(options, plan, classes, place) if options.ros else None
+    follows_time = options.ros_time or (connected is not None and _uses_simulated_time(connected))
     if follows_time and plan.debug_clock:
         raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
     enclave = ros_arguments().enclave
@@ -279,18 +277,21 @@ def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
     ):
         equip(node, TypeLibrary(), NodeParameters(), timer.call_soon, clock.set_ns)
         if not clock.wait_set(_LOOK_S):
-            _wait_set(clock)
+            click.echo("waiting for a time on /clock", err=True)
+            with _ending_as_a_run() as asked:
+                while not (clock.wait_set(_LOOK_S) or asked.is_made()):
+                    pass
         yield clock
 
 
-def _wait_set(clock: SimulatedClock) -> None:
-    """Wait for the first time on /clock; Ctrl-C ends the program as it ends a run."""
-    click.echo("waiting for a time on /clock", err=True)
+@contextmanager
+def _ending_as_a_run() -> Iterator[StopRequest]:
+    """Let Ctrl-C end the program after the block, as it ends a run."""
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()):
-        while not clock.wait_set(_LOOK_S):
-            if asked.is_made():
-                raise SystemExit(0)
+        yield asked
+    if asked.is_made():
+        raise SystemExit(0)
 
 
 @contextmanager
@@ -310,19 +311,11 @@ def on_ros(
                 RosEnvironment(transport, connected, board=board, clock=clock, **options)
             )
             if begin:
-                _wait_subscribed(made)
+                with _ending_as_a_run():
+                    made.wait_subscribed()
             return made
 
         yield make
-
-
-def _wait_subscribed(environment: RosEnvironment) -> None:
-    """Wait for subscriptions, for a second at most; Ctrl-C ends the program as it ends a run."""
-    asked = StopRequest()
-    with stop_on_signals(lambda _: asked.make()):
-        environment.wait_subscribed()
-    if asked.is_made():
-        raise SystemExit(0)
 
 
 def managed_machines(

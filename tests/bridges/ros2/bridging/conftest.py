@@ -62,11 +62,11 @@ def start(board: Whiteboard, memory: MemoryWorld, reported: Any) -> Iterator[Cal
     """Start a bridge: ``start(relay=[...])``, as in a configuration file."""
     with ExitStack() as open_ones:
 
-        def starting(*, history: float = 1.0, **config: Any) -> Bridge:
+        def starting(**config: Any) -> Bridge:
             plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), board.slots())
             assert not faults
             transport = open_ones.enter_context(MemoryTransport(memory, notify=reported))
-            bridge = Bridge(plan, board, transport, reported, history=history)
+            bridge = Bridge(plan, board, transport, reported)
             open_ones.callback(bridge.close)
             return bridge
 

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import LossWatch
+from llfsm.bridges.ros2.bridging._relays import LossWatch
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.transport import Notifier
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
@@ -95,9 +96,9 @@ def test_it_is_sent_for_one_that_died_before(start, commander, driven):
 def test_it_replaces_no_message_of_a_process_that_lives(board, commander):
     """Neither the commander's own, nor one that came after its death, and before it was noticed."""
     slot, timer = board[CMD], HandTimer()
-    link = BridgeLink("cmd", "->", "/cmd", "geometry_msgs/msg/Twist")
+    link = BridgeLink("cmd", "->", "/cmd", "geometry_msgs/msg/Twist", Notifier(print))
     process = commander()
-    LossWatch(slot, STOP, CMD.encoder.encode(STOP), link, LinkFaults(print), timer)
+    LossWatch(slot, STOP, CMD.encoder.encode(STOP), link, timer)
     timer.run(times=3)
     assert slot.get() == Twist(Vector3(x=1.0))
     process.kill()

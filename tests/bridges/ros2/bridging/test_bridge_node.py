@@ -19,6 +19,7 @@ from llfsm.bridges.ros2.errors import ParameterOverrideError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos
 from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
+from llfsm.bridges.ros2.transport import Notifier
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
@@ -148,7 +149,7 @@ def test_health_is_published(start, peer, types, seen):
 
 def test_a_links_health_has_its_rate_its_age_and_what_it_lost(board):
     now = [0.0]
-    link = BridgeLink("n", "<-", "/n", "std_msgs/msg/Int64")
+    link = BridgeLink("n", "<-", "/n", "std_msgs/msg/Int64", Notifier(print))
     health = BridgeHealth([link], board, now=lambda: now[0])
     for _ in range(10):
         link.count()

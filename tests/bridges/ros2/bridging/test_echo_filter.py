@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import EchoFilter, FromRos, ToRos
+from llfsm.bridges.ros2.bridging._relays import EchoFilter, FromRos, ToRos
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import MessageInfo, SerializedBytes
+from llfsm.bridges.ros2.transport import MessageInfo, Notifier, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 
@@ -21,7 +21,7 @@ def number(types):
 
 
 def link():
-    return BridgeLink("n", "->", "/n", TYPE)
+    return BridgeLink("n", "->", "/n", TYPE, Notifier(pytest.fail))
 
 
 class Nameless:
@@ -67,12 +67,12 @@ class Unread:
 
 
 def test_what_came_from_ros_is_not_read_again_to_find_that_ros_has_it(board, number):
-    slot, faults = Unread(board[N]), LinkFaults(pytest.fail)
+    slot = Unread(board[N])
     echo = EchoFilter(Nameless(), number)
     echo.is_ours = lambda _: False
     out = link()
-    to_ros = ToRos(slot, Nameless(), out, faults, echo=echo)
-    from_ros = FromRos(slot, link(), faults, TimerThread("test"), echo=echo)
+    to_ros = ToRos(slot, Nameless(), out, echo=echo)
+    from_ros = FromRos(slot, link(), TimerThread("test"), echo=echo)
     for value in range(3):
         from_ros.arrived(arrival(number, value))
     to_ros.finish()

@@ -7,15 +7,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from llfsm.bridges.ros2.bridging._relays import KeyedFromRos, RelaySettings
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import KeyedFromRos, RelaySettings
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import ConnectivityError
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transforms import TransformBuffer, TransformListener
-from llfsm.bridges.ros2.transport import MessageInfo, SerializedBytes
+from llfsm.bridges.ros2.transport import MessageInfo, Notifier, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.builtin_interfaces import Time
 from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
@@ -103,9 +103,9 @@ def test_a_key_that_is_no_name_loses_nothing_else(board, start, peer, types, rep
 
 
 def test_bytes_that_are_no_message_are_counted(board, types, reported):
-    link = BridgeLink("tf/*", "<-", "/tf", TYPE)
+    link = BridgeLink("tf/*", "<-", "/tf", TYPE, Notifier(reported))
     keys, timer = KeyPath(TF["keyed_by"], types.message(TYPE).message), TimerThread("test")
-    relay = KeyedFromRos(board, of("tf"), keys, link, LinkFaults(reported), timer, RelaySettings())
+    relay = KeyedFromRos(board, of("tf"), keys, link, timer, RelaySettings())
     relay.arrived(
         SerializedBytes(b"\0\1\0\0\1", MessageInfo(0, 0, b""), types.message(TYPE).decode)
     )

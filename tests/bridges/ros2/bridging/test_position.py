@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from llfsm.bridges.ros2.bridging._turtle_position import TYPE
 from llfsm.bridges.ros2.bridging.bridge_config import turtlesim_config
-from llfsm.bridges.ros2.bridging.turtle_position import TYPE
 from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, ManualClock

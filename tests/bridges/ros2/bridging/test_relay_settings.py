@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from llfsm.bridges.ros2.bridging._relays import declare_settings
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.bridging.relays import declare_settings
 from llfsm.bridges.ros2.node_parameters import NodeParameters
 
 

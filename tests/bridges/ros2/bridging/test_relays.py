@@ -9,11 +9,12 @@ from itertools import pairwise
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import FromRos, RelaySettings, ToRos
+from llfsm.bridges.ros2.bridging import _relays as relays
+from llfsm.bridges.ros2.bridging._relays import FromRos, RelaySettings, ToRos
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, SerializedBytes
+from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, Notifier, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 from waiting import PATIENCE_S, wait_for
@@ -66,7 +67,7 @@ def to_ros(board, blocked):
     made = []
 
     def start(**options):
-        made.append(ToRos(board[N], blocked, link(), LinkFaults(print), **options))
+        made.append(ToRos(board[N], blocked, link(), **options))
 
     yield start
     for each in made:
@@ -74,8 +75,8 @@ def to_ros(board, blocked):
         each.close()
 
 
-def link():
-    return BridgeLink("n", "->", "/n", TYPE)
+def link(notify=print):
+    return BridgeLink("n", "->", "/n", TYPE, Notifier(notify))
 
 
 def test_each_change_of_a_slot_is_published(board, start, received):
@@ -114,18 +115,24 @@ def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, 
 BOTH_LATCHED = {"slot": "n", "type": TYPE, "direction": "both", "durability": "transient_local"}
 
 
-def test_in_both_directions_ros_says_what_is_true_at_the_beginning(board, start, peer, number):
+def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
+    board, start, peer, number, monkeypatch
+):
+    monkeypatch.setattr(relays, "HISTORY_S", 1000.0)
     board.add_message(N, Int64(1))
-    bridge = start(relay=[BOTH_LATCHED], history=1000.0)
+    bridge = start(relay=[BOTH_LATCHED])
     peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))  # late, but in time
     wait_for(lambda: board.get_message(N) == Int64(2))
     bridge.close()
     assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
 
 
-def test_in_both_directions_the_slot_says_it_if_ros_does_not(board, start, peer, number, seen):
+def test_in_both_directions_the_slot_says_it_if_ros_does_not(
+    board, start, peer, number, seen, monkeypatch
+):
+    monkeypatch.setattr(relays, "HISTORY_S", 0.01)
     board.add_message(N, Int64(1))
-    start(relay=[BOTH_LATCHED], history=0.01)
+    start(relay=[BOTH_LATCHED])
     got = seen()
     peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
     got.wait(len)
@@ -193,7 +200,7 @@ class Counted(SerializedBytes):
 
 def test_at_a_rate_only_what_is_added_is_decoded(board, number):
     later = TimerThread("test")
-    relay = FromRos(board[N], link(), LinkFaults(print), later, settings=RelaySettings(0.05))
+    relay = FromRos(board[N], link(), later, settings=RelaySettings(0.05))
     Counted.decoded = 0
     stamps = []
     for value in range(1000):
@@ -283,8 +290,8 @@ def test_a_message_that_is_too_large_is_reported_once_and_the_next_is_added(
 
 
 def test_bytes_that_are_no_message_are_reported_once_and_the_next_is_added(board, number, reported):
-    each = link()
-    relay = FromRos(board[N], each, LinkFaults(reported), TimerThread("test"))
+    each = link(reported)
+    relay = FromRos(board[N], each, TimerThread("test"))
     for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
         relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number.decode))
     assert board.get_message(N) == Int64(5)

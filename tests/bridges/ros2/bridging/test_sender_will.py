@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.slot_action import SenderWill
+from llfsm.bridges.ros2.bridging._slot_action import SenderWill
 from llfsm.whiteboard import BoardClosedError, Sample, Slot, SlotInfo
 from llfsm.whiteboard.liveness import this_process
 from llfsm.whiteboard.local import LocalBoard

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from llfsm.bridges.ros2.errors import CdrError
-from llfsm.bridges.ros2.types import RosMessage, TypeLibrary, primitives
+from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
+from llfsm.bridges.ros2.types import _primitives as primitives
 from thoroughness import examples
 
 # How long an example takes says how busy the machine is, and nothing of the code.

@@ -13,7 +13,7 @@ from llfsm.bridges.ros2.errors import (
     UnknownTypeError,
 )
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.types.search_path import jazzy_names
+from llfsm.bridges.ros2.types._search_path import jazzy_names
 from llfsm.whiteboard import MessageFieldError, Slot, Whiteboard
 
 EVERYTHING = """

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from llfsm.bridges.ros2.types.search_path import SearchPath
+from llfsm.bridges.ros2.types._search_path import SearchPath
 
 
 def built(annotation: Any, plain: Any) -> Any:

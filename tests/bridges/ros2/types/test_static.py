@@ -8,8 +8,8 @@ import pytest
 
 import llfsm.whiteboard.messages
 from llfsm.bridges.ros2.errors import TypeMismatchError, UnknownTypeError
+from llfsm.bridges.ros2.types._search_path import SearchPath
 from llfsm.bridges.ros2.types.message_classes import make_class
-from llfsm.bridges.ros2.types.search_path import SearchPath
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.schema import describe

@@ -318,7 +318,7 @@ def test_an_override_ends_with_the_machine_that_it_was_for(folder: Path) -> None
     arrangement = Arrangement([load_bundle(folder)], whiteboard=board, clock=ManualClock())
     Debugger(arrangement).override("Lamp", "button", '{"data": true}')
     arrangement.reload("Lamp", load_bundle(folder))
-    assert arrangement.overridden("Lamp") == ()
+    assert arrangement.roster.find("Lamp").overridden == ()
     arrangement.round()
     arrangement.round()
     assert arrangement.state_name_of("Lamp") == "Off"

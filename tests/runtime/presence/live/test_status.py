@@ -9,8 +9,8 @@ import pytest
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.engine.events import Event, RoundEnd
-from llfsm.runtime.engine.seat import Arrival
-from llfsm.runtime.presence.status_publisher import Presence
+from llfsm.runtime.engine.seat import Arrival, Seat
+from llfsm.runtime.presence.status_publisher import StatusPublisher
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import status_slot
@@ -42,7 +42,7 @@ def test_who_called_a_machine_is_published_as_long_as_that_is_loaded(board: Boar
     seen = []
 
     def look(sleeps: int) -> None:
-        assert arrangement.caller("Idle.0") == status_of(board, "Idle.0").caller
+        assert arrangement.roster.find("Idle.0").called_by == status_of(board, "Idle.0").caller
         callers = [status_of(board, name).caller for name in ("Idle", "Idle.0")]
         if not seen or callers != seen[-1]:
             seen.append(callers)
@@ -51,7 +51,11 @@ def test_who_called_a_machine_is_published_as_long_as_that_is_loaded(board: Boar
         if sleeps == 5:  # another machine of this name has not called it
             arrangement.load(Caller)
         if sleeps == 7:
-            assert arrangement.caller("Idle.1") == status_of(board, "Idle.1").caller == "Caller"
+            assert (
+                arrangement.roster.find("Idle.1").called_by
+                == status_of(board, "Idle.1").caller
+                == "Caller"
+            )
 
     arrangement = Arrangement([Caller], whiteboard=board, clock=Clock(look))
     arrangement.call_machine(Idle)
@@ -166,22 +170,24 @@ def test_a_machine_that_is_unloaded_is_gone_from_the_board_while_others_go_on(bo
     arrangement.run(max_rounds=8)
 
 
-def test_a_machine_whose_standing_holds_is_not_described_again(board: Board):
-    described = []
+def test_a_machine_whose_standing_holds_is_not_described_again(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+):
+    described, arrival = [], Seat.arrival
 
-    class Counting(Arrangement):
-        def arrival(self, name: str) -> Arrival:
-            described.append(name)
-            return super().arrival(name)
+    def count(seat: Seat) -> Arrival:
+        described.append(seat.name)
+        return arrival(seat)
 
+    monkeypatch.setattr(Seat, "arrival", count)
     clock = ManualClock()
-    arrangement = Counting([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
+    arrangement = Arrangement([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
     arrangement.run(max_rounds=100)
     at_load_and_when_entered = 2 * 5
     assert len(described) == at_load_and_when_entered
 
     described.clear()
-    arrangement = Counting([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
+    arrangement = Arrangement([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
     arrangement.attach(lambda event: arrangement.suspend("Idle.3") if clock_is_at(event) else None)
     arrangement.run(max_rounds=100)
     assert [described.count(name) for name in ("Idle.2", "Idle.3")] == [2, 2 + 2]
@@ -194,7 +200,7 @@ def clock_is_at(event: Event) -> bool:
 
 def test_each_request_is_counted_although_it_asks_for_the_same(board: Board):
     arrangement = Arrangement([Idle], whiteboard=board, clock=ManualClock())
-    presence = Presence(arrangement, board)
+    presence = StatusPublisher(arrangement, board)
     for obeyed in (1, 2, 3):
         ask(board, "Idle", "suspend")
         presence.look(idle=True)
@@ -203,10 +209,10 @@ def test_each_request_is_counted_although_it_asks_for_the_same(board: Board):
 
 def test_a_machine_that_hangs_no_more_is_published_at_once(board: Board):
     arrangement = Arrangement([Idle], whiteboard=board, clock=ManualClock())
-    presence = Presence(arrangement, board)
-    arrangement.seat("Idle").hang = "in a loop"
+    presence = StatusPublisher(arrangement, board)
+    arrangement.roster.find("Idle").hang = "in a loop"
     presence.publish_hang("Idle")
     assert status_of(board, "Idle").hung
-    arrangement.seat("Idle").hang = ""
+    arrangement.roster.find("Idle").hang = ""
     presence.look(idle=True)
     assert not status_of(board, "Idle").hung

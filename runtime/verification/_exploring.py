@@ -1,0 +1,231 @@
+"""Explore machines, and verify properties of them: explicit-state model checking of their classes.
+
+A state is all that the future depends on (see `Space`). From each state, all that the environment
+may do at the next turn is tried: every message of a domain, every request, every time that makes a
+difference. What keeps this fast is that the machines' code is run only for distinct ringlets:
+
+1. `ringlets` and `environment` run one ringlet from any control state, and note what it depends on;
+   `system` keeps each distinct one.
+2. `tables` packs states into whole numbers, and looks turns up by the bits that they depend on.
+3. `breadth_first` finds all states by levels; `predicates` and `deciding` check the properties of
+   each level, and `responses` those of liveness at the end.
+4. All this is right only if a ringlet does the same whenever it is given the same. So at the end
+   `unmodelled_state` runs every kept one again, and looks for state that is kept elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
+
+from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.verification._breadth_first import search_states
+from llfsm.runtime.verification._deciding import Decisions
+from llfsm.runtime.verification._ringlets import ENDINGS
+from llfsm.runtime.verification._system import System
+from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
+from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
+from llfsm.runtime.verification.domains import Member, members_of
+from llfsm.runtime.verification.errors import PredicateError
+from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
+from llfsm.runtime.verification.space import Progress, Space
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.kernel import Factory, OnError
+    from llfsm.whiteboard import Slot
+
+
+Choices: TypeAlias = Literal["turns", "rounds"]
+
+
+class ExploreOptions(TypedDict, total=False):
+    """The options of `explore`, which says what they do; those of `verify` are the same."""
+
+    period_ms: float | None
+    any_time: bool
+    sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
+    stop: bool
+    suspend: Iterable[str]
+    choices: Choices
+    abstract: Mapping[str, Callable[[Any], Any]] | None
+    unload_accepting: bool
+    on_error: OnError
+    max_states: int | None
+    max_seconds: float | None
+    progress: Callable[[Progress], object] | None
+
+
+def explore(
+    machines: Factory | Iterable[Factory | Member],
+    *,
+    period_ms: float | None = None,
+    any_time: bool = False,
+    sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None = None,
+    properties: Iterable[Property] = (),
+    stop: bool = False,
+    suspend: Iterable[str] = (),
+    choices: Choices = "turns",
+    abstract: Mapping[str, Callable[[Any], Any]] | None = None,
+    unload_accepting: bool = True,
+    on_error: OnError = "stop",
+    max_states: int | None = None,
+    max_seconds: float | None = None,
+    progress: Callable[[Progress], object] | None = None,
+) -> Space:
+    """Find all states that the machines can reach, and return the space with the verdicts.
+
+    The exploration ends early once every property is decided, if there are any; by `max_states` or
+    `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
+
+    Args:
+        machines: machine classes, functions that return a machine, or a `Member` for each.
+        period_ms: the time from one round to the next, in milliseconds; each takes exactly that.
+        any_time: let any time, also none, pass before each round instead. `leads_to` needs a
+            period: if no time need pass, what waits for it need never come.
+        sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
+            these messages, or None for no message, at each turn that reads the slot. They replace
+            the domains that sensors declare. A slot to which a machine posts can have none, and a
+            domain that its sensors declare is not used.
+        properties: the properties to decide.
+        stop: True to let a stop come before any turn, as by Ctrl-C.
+        suspend: names of machines that anybody may suspend, resume or restart before their turns.
+        choices: "rounds" to let the environment choose once a round for all machines.
+        abstract: for "Machine.variable", a function of its value whose result replaces the value
+            after each turn.
+        unload_accepting: as for `Arrangement`.
+        on_error: as for `Arrangement`. With "stop", all ends where code raises: what no way shows
+            is then undecided. With "suspend" the others go on.
+        max_states: end the exploration at a level with as many states.
+        max_seconds: end it after this time, once the ringlet under way is over.
+        progress: called after each level, and within large ones; it ends the exploration by
+            returning False.
+
+    Raises:
+        OptionError: an argument is impossible.
+        VerificationError: the machines cannot be explored as asked; see its subclasses.
+
+    """
+    asked = _check_properties(properties)
+    watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
+    members = (*members_of(machines), *map(Member, watching))
+    time_model = _time_model(period_ms, asked, any_time=any_time)
+    if on_error not in ("stop", "suspend"):
+        raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
+    if choices not in ("turns", "rounds"):
+        raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
+    system = System(
+        members,
+        watchers=len(watching),
+        time_model=time_model,
+        sensors=sensors or {},
+        stop=stop,
+        suspend=[suspend] if isinstance(suspend, str) else suspend,
+        by_rounds=choices == "rounds",
+        unload_accepting=unload_accepting,
+        on_error=on_error,
+        abstract=abstract or {},
+    )
+    for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
+        if machine.__name__ != name:
+            raise PredicateError(
+                f"monitor: another machine is called {machine.__name__}, too; rename one"
+            )
+    decisions = Decisions(
+        system, asked, max_states=max_states, max_seconds=max_seconds, progress=progress
+    )
+    return _explored(system, decisions, members)
+
+
+def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
+    """Find all states, check that nothing was left out of them, and decide the properties."""
+    unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
+    search = search_states(
+        system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
+    )
+    ringlets = system.ringlets.executed
+    if search.interrupted:
+        decisions.end()
+    else:
+        unmodelled.check()
+        try:
+            check_determinism(system.ringlets, system.kept())
+        except ENDINGS:
+            decisions.end()
+    verdicts = tuple(decisions.verdicts(search))
+    return Space(
+        system,
+        search,
+        members,
+        verdicts,
+        decisions.seconds,
+        ringlets=ringlets,
+        complete=decisions.complete,
+        cut=decisions.cut,
+    )
+
+
+def verify(
+    machines: Factory | Iterable[Factory | Member],
+    *asked: Property,
+    properties: Iterable[Property] = (),
+    **how: Unpack[ExploreOptions],
+) -> Space:
+    """Explore as `explore` does, and raise `PropertyError` unless all properties hold.
+
+    They are given one after the other, or as `properties`. That no machine's code raises is one of
+    them. A property that is undecided does not hold.
+    """
+    given = [NO_FAILURE, *asked, *_check_properties(properties)]
+    space = explore(machines, properties=given, **how)
+    wrong = [verdict for verdict in space.verdicts if not verdict.holds]
+    if wrong:
+        hints = () if space.complete else space.hints()
+        why = (
+            "as code raises, and all ends there"
+            if space.complete
+            else "as not all states were found"
+        )
+        lines = chain(*(_lines(verdict, why) for verdict in wrong), hints)
+        raise PropertyError("\n".join(lines), space.verdicts)
+    return space
+
+
+def _lines(verdict: Verdict, why: str) -> Iterator[str]:
+    witness = verdict.witness
+    if verdict.holds is None:
+        yield f"{verdict.property}: undecided, {why}"
+    elif witness is None:
+        yield f"{verdict.property}: violated"
+    else:
+        yield f"{verdict.property}: violated after {len(witness.turns)} turns"
+        yield from (f"  {line}" for line in witness.lines())
+
+
+def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:
+    if any_time is (period_ms is not None):
+        raise OptionError("give period_ms, or any_time=True")
+    if period_ms is None:
+        for prop in asked:
+            if prop.kind == "leads_to":
+                raise OptionError(
+                    f"{prop}: leads_to needs a period (period_ms), as any time may be none at all, "
+                    f"and then nothing need follow; decide it by itself, and the rest at any time"
+                )
+        return AnyTime()
+    if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:
+        raise OptionError(f"period_ms is {period_ms!r}; it must be a number, 1e-6 or more")
+    return Periods(round(period_ms * 1e6))
+
+
+def _check_properties(properties: Iterable[Property]) -> list[Property]:
+    if isinstance(properties, Property):
+        properties = [properties]
+    asked = list(properties)
+    for prop in asked:
+        if not isinstance(prop, Property):
+            raise PredicateError(
+                f"{prop!r} is not a property: make one with never, always, reachable or step"
+            )
+    return asked

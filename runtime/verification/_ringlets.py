@@ -1,0 +1,465 @@
+"""Run one ringlet of one machine from any control state, on an arrangement made for this.
+
+The ringlet, the seats and the requests are the engine's own; only the environment is another one.
+So what is explored is the code that runs. A ringlet is run in four steps: all machines that it may
+touch are put into their control states, its variables are set to copies, it has its turn, and what
+has changed since is read back. Control states, variables, messages and errors are numbered in the
+order in which they are found, so that a ringlet's effects are a small tuple.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
+from math import inf
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
+
+from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.errors import ExecutionError
+from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ringlet import defined_ringlet
+from llfsm.runtime.engine.seat import Failure, Seat
+from llfsm.runtime.verification.domains import Member, require_explorable
+from llfsm.runtime.verification.environment import (
+    ControlState,
+    ExploredEnvironment,
+    Given,
+    RingletOutcome,
+    Unknown,
+    UnknownControlError,
+)
+from llfsm.runtime.verification.errors import UnsupportedError
+from llfsm.runtime.verification.values import (
+    Codes,
+    UnknownValueError,
+    Variables,
+    freeze,
+    other_copy,
+    own_copy,
+)
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.events import Status
+    from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.engine.machine import Submachine
+    from llfsm.runtime.engine.ringlet import BoundState
+
+
+M = TypeVar("M", bound=Machine)
+Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
+"""By "Machine.variable", functions that replace its value after each turn."""
+
+
+class TimeUpError(Exception):
+    """The time to explore is over."""
+
+
+_FAILURE = Failure(ExecutionError("", "", "", "", None, None), NEVER)
+"""The failure of every machine that has failed: what its code raised is no part of a state."""
+ENDINGS = (KeyboardInterrupt, TimeUpError)
+"""The exceptions that end an exploration: a property that is not decided by then is undecided."""
+
+
+class Deadline:
+    """A time after which no more ringlets are run; none at first."""
+
+    def __init__(self) -> None:
+        self.at_s = inf
+        """By `time.monotonic()`."""
+
+    def check(self) -> None:
+        """Raise `TimeUpError` if it has passed."""
+        if time.monotonic() >= self.at_s:
+            raise TimeUpError
+
+
+class _ExploredKernel(Kernel):
+    """Turns of machines whose failures are kept."""
+
+    environment: ExploredEnvironment
+    unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
+    error: ExecutionError | None = None
+    """What a machine's code raised in the latest turn, if all ends with that."""
+    raised_in: BoundState | None = None
+    """The state in which it was, if its machine was suspended for that."""
+
+    @property
+    def contains_exits(self) -> bool:
+        """True: code that exits has failed, as it must not end the program that explores it."""
+        return True
+
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Keep what a machine's code raised, with which all ends; or suspend the machine."""
+        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
+            raise error.__cause__
+        if self.on_error == "stop" or seat.name in self.environment.watchers:
+            self.error = error
+            return
+        self.raised_in = seat.previous
+        seat.fail(_FAILURE)
+        self.set_aside(seat)
+
+
+class Ringlets(Control):
+    """Machines of which any may have a ringlet, from any control state.
+
+    The last `watchers` are monitors; anybody may suspend, resume or restart those that
+    `controlled` names. Of `on_error`, monitors know "stop" alone.
+    """
+
+    kernel: _ExploredKernel
+
+    def __init__(
+        self,
+        members: Iterable[Member],
+        *,
+        watchers: int,
+        unload_accepting: bool,
+        on_error: OnError,
+        abstract: Abstraction,
+        controlled: Iterable[str],
+    ):
+        self.environment = ExploredEnvironment()
+        kernel = _ExploredKernel(
+            self.environment, unload_accepting=unload_accepting, on_error=on_error
+        )
+        super().__init__(kernel)
+        self._controlled = frozenset(controlled)  # by anybody
+        self._complete = False
+        for member in members:
+            member.load(self)
+        self._complete = True
+        self.seats: tuple[Seat, ...] = tuple(self.roster)
+        self.places = {seat.name: number for number, seat in enumerate(self.seats)}
+        self.environment.members = self.places.keys()
+        self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
+        for seat in self.seats:
+            require_explorable(type(seat.machine))
+        self.controls = [Codes() for _ in self.seats]
+        self.variables = [Codes() for _ in self.seats]
+        self.messages: dict[str, Codes] = {}
+        self.errors = Codes()
+        self.errors.code(None, None)
+        self.executed = 0
+        self.deadline = Deadline()
+        self._ports = [self._ports_of(seat) for seat in self.seats]
+        self._abstract: list[dict[str, Callable[[Any], Any]]] = [{} for _ in self.seats]
+        for name, function in abstract.items():
+            self._add_abstraction(name, function)
+        self._owners: dict[int, str] | None = {}  # of values that change, by their ids
+        self.initial = [
+            (self._control_of(place), self._variables_of(place)) for place in range(len(self.seats))
+        ]
+        self._owners = None
+
+    def message(self, slot: str, message: Any) -> int:
+        """Number a slot's message; None, for no message, is 0."""
+        codes = self.messages.get(slot)
+        if codes is None:
+            codes = self.messages[slot] = Codes()
+            codes.code(None, None)
+        return 0 if message is None else codes.code(freeze(message, _ignore), message)
+
+    def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
+        """Run a ringlet and return its effects; if `copied`, it gets copies with shuffled sets.
+
+        Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
+        machine that `others` lacks, and `TimeUpError` after the deadline.
+        """
+        self.deadline.check()
+        environment, seat = self.environment, self.seats[given.place]
+        others = dict(given.others)
+        for other, its in given.others:
+            self._set_control(other, self.controls[other].values[its])
+        was: ControlState = self.controls[given.place].values[given.control]
+        self._set_control(given.place, was)
+        if given.request is not None:
+            if was.withdrawn_by(given.request):
+                seat.schedule(Request.SUSPEND)
+            seat.schedule(given.request)
+        self._set_variables(given, other_copy if copied else deepcopy)
+        self.kernel.stopping = given.stopping
+        for slot, content in given.contents:
+            message = self.messages[slot].values[content]
+            environment.contents[slot] = other_copy(message) if copied else message
+        environment.begin(seat.name, given.elapsed_ns if was.entered else None)
+        self.kernel.error = self.kernel.raised_in = None
+        self.executed += 1
+        fired = self.kernel.give_turns((seat,))
+        self._check_ports(given.place)
+        known = environment.touched & self.places.keys()  # others are refused
+        touched = {self.places[name] for name in known} - {given.place}
+        if not touched <= others.keys():
+            raise UnknownControlError(touched)
+        if environment.refusal is not None:
+            raise environment.refusal
+        error = self.kernel.error
+        clock_state = self.kernel.raised_in or seat.previous
+        after = [(other, self._control_of(other)) for other in sorted(touched)]
+        return RingletOutcome(
+            environment.low_ns,
+            environment.high_ns,
+            tuple((other, others[other]) for other in sorted(touched)),
+            self._control_of(given.place),
+            self._variables_of(given.place),
+            seat.entered_ns != environment.entered
+            or seat.current is not clock_state
+            or not seat.taken,
+            self._posts(),
+            tuple((other, its) for other, its in after if its != others[other]),
+            tuple(
+                (clock_state.name if entered and clock_state else was.current, limit)
+                for entered, limit in environment.limits
+            ),
+            _fired(seat, clock_state) if fired and clock_state is not None else None,
+            0 if error is None else self.errors.code(str(error), error),
+        )
+
+    def _check_ports(self, place: int) -> None:
+        """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
+        machine = self.seats[place].machine
+        kept = {"stopping": self.kernel.stopping}
+        if self.seats[place].taken:  # else its actuators are closed
+            kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
+        for name, value in kept.items():
+            if vars(machine).get(name) is not value and self.environment.refusal is None:
+                self.environment.refusal = UnsupportedError(
+                    f"{machine.name} assigns to its {name!r}: this cannot be explored"
+                )
+
+    def fingerprint(self, place: int) -> object:
+        """Return the changes that a ringlet under way has made so far, as a comparable value."""
+        return self._control_of(place), self._variables_of(place), self._posts()
+
+    def _posts(self) -> tuple[tuple[str, int], ...]:
+        return tuple((slot, self.message(slot, m)) for slot, m in self.environment.posted.items())
+
+    def is_settled(
+        self, place: int, control: int, *, stopping: bool, may_stop: bool
+    ) -> tuple[bool, bool]:
+        """Check two things: that a machine need not keep the execution alive; that it cannot.
+
+        They differ where a request from outside does, if it is there when the round is over: to
+        suspend one that accepts, or to resume or restart one that is suspended; a suspend also
+        withdraws what would wake it. Unless a stop has come, or may at that moment, one that is
+        suspended does without it, as if that was asked from outside. One that has failed keeps it
+        alive, until a stop, if some other process can resume it, which is not known.
+        """
+        seat = self.seats[place]
+        if self.waits(place, control):
+            return (stopping or may_stop) and seat.entered_ns != NEVER, False
+        if not seat.taken:
+            return True, True
+        held = seat.name in self._controlled or seat.failure is not None
+        return seat.settled, seat.settled and (stopping or not held)
+
+    def waits(self, place: int, control: int) -> bool:
+        """Check that a machine is suspended, and that anybody may wake it or leave it so."""
+        seat = self.seats[place]
+        self._set_control(place, self.controls[place].values[control])
+        return seat.taken and seat.suspended and seat.name in self._controlled
+
+    # A machine is loaded here only if its control state was given, so it is noted before anything
+    # else: without it, the ringlet is run again.
+
+    def is_suspended(self, name: str) -> bool:
+        """Note the machine, and check that it is suspended."""
+        self._note(name)
+        return super().is_suspended(name)
+
+    def state_name_of(self, name: str) -> str:
+        """Note the machine, and return its state."""
+        self._note(name)
+        return super().state_name_of(name)
+
+    def index_of(self, name: str) -> int:
+        """Note the machine, and return its index."""
+        self._note(name)
+        return super().index_of(name)
+
+    def name_of(self, index: int) -> str:
+        """Note all machines, any of which could have this index, and return the name at it."""
+        self._note_all()
+        return super().name_of(index)
+
+    @property
+    def number_of_machines(self) -> int:
+        """The number of indices in use; refused if there is a monitor."""
+        for name in self.environment.watchers:
+            self.environment.ask(name)
+        return super().number_of_machines
+
+    def resume(self, name: str) -> Status:
+        """Resume a machine; of one that anybody may restart, its status is not known."""
+        status = super().resume(name)
+        if name in self._controlled:
+            what = f"the status that resume({name!r}) returned, which anybody may ask to restart"
+            status = cast("Status", Unknown(self.environment, what))
+        return status
+
+    def suspend_all(self, caller: Seat | None = None) -> None:
+        """Note all machines, and suspend those that are loaded."""
+        self._note_all()
+        super().suspend_all(caller)
+
+    def unload(self, name: str, caller: Seat | None = None) -> bool:
+        """Note the machine, and unload it."""
+        self._note(name)
+        return super().unload(name, caller)
+
+    def _note(self, name: str) -> None:
+        if name in self.places:
+            self.environment.ask(name)
+        if name not in self.roster.named:
+            self._note_all()  # as an error lists them
+
+    def _note_all(self) -> None:
+        self.environment.touched.update(self.places.keys() - self.environment.watchers)
+
+    def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine; refuse once the machines run."""
+        self._check_loading(machine)
+        return super().load(machine, **how)
+
+    def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine in its suspend state; refuse once the machines run."""
+        self._check_loading(machine)
+        return super().load_suspended(machine, **how)
+
+    def call_machine(
+        self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
+    ) -> Submachine[M]:
+        """Refuse to call a submachine."""
+        self.environment.refuse(f"calls {machine!r} as a submachine: this cannot be explored")
+
+    def _check_loading(self, machine: Loadable) -> None:
+        if self._complete:
+            self.environment.refuse(
+                f"loads {machine!r} while it runs: this cannot be explored; load it at the start, "
+                f"suspended if necessary"
+            )
+
+    def abandon(self, name: str, caller: Seat | None = None) -> bool:
+        """Refuse to abandon a machine."""
+        self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
+
+    # Control states and variables
+
+    def _set_control(self, place: int, control: ControlState) -> None:
+        seat, roster = self.seats[place], self.roster
+        states = seat.states
+        seat.current = states.get(control.current, seat.suspension)
+        previous = control.previous
+        seat.previous = None if previous is None else states.get(previous, seat.suspension)
+        seat.remembered = states.get(control.remembered, seat.suspension)
+        seat.request = control.request
+        seat.accepted = control.accepted
+        seat.entered_ns = self.environment.entered if control.begun else NEVER
+        seat.failure = _FAILURE if control.failed else None
+        if seat.taken is not control.loaded:
+            seat.taken = control.loaded
+            if control.loaded:
+                roster.add(seat)
+                order = sorted(roster, key=lambda each: each.index)  # in which errors list them
+                roster.named = {each.name: each for each in order}
+                vars(seat.machine).update(self._ports[place])  # it may post when it leaves again
+            else:
+                roster.remove(seat)
+
+    def _control_of(self, place: int) -> int:
+        control = ControlState.of(self.seats[place])
+        return self.controls[place].code(control, control)
+
+    def _ports_of(self, seat: Seat) -> dict[str, Any]:
+        attributes, table = vars(seat.machine), type(seat.machine).table
+        return {name: attributes[name] for name in table.actuators} | dict.fromkeys(table.sensors)
+
+    def _add_abstraction(self, name: str, function: Callable[[Any], Any]) -> None:
+        machine, _, variable = name.rpartition(".")
+        if machine not in self.places:
+            raise UnsupportedError(
+                f'abstract has {name!r}: name a variable as in "Machine.variable"; the machines '
+                f"are: {', '.join(self.places)}"
+            )
+        self._abstract[self.places[machine]][variable] = function
+
+    def _set_variables(self, given: Given, copy: Callable[[Any], Any]) -> None:
+        attributes = vars(self.seats[given.place].machine)
+        attributes.clear()
+        attributes.update(self._ports[given.place])
+        attributes["stopping"] = given.stopping
+        values, has_parts = self.variables[given.place].values[given.variables]
+        attributes.update(copy(values) if has_parts else values)
+
+    def _variables_of(self, place: int) -> int:
+        machine, ports = self.seats[place].machine, self._ports[place]
+        values = {
+            name: value
+            for name, value in vars(machine).items()
+            if name not in ports and name != "stopping"
+        }
+        for name, function in self._abstract[place].items():
+            if name not in values:
+                raise UnsupportedError(
+                    f"abstract names {machine.name}.{name}, which {machine.name} does not have; "
+                    f"its variables are: {', '.join(values) or 'none'}"
+                )
+            try:
+                values[name] = function(values[name])
+            except Exception as error:  # a function of the user's may raise anything
+                raise UnsupportedError(
+                    f"abstract: the function of {machine.name}.{name} raised "
+                    f"{type(error).__name__} for {values[name]!r}: {error}"
+                ) from error
+        parts: list[Any] = []
+        key = []
+        for name in sorted(values):
+            try:
+                key.append((name, freeze(values[name], parts.append)))
+            except (UnknownValueError, RecursionError) as error:
+                raise _no_data(machine, name, error) from None
+        self._check_apart(machine.name, parts)
+        codes = self.variables[place]
+        known = len(codes)
+        code = codes.code(tuple(key), None)
+        if code == known:
+            if parts:
+                for name, value in values.items():
+                    try:
+                        values[name] = own_copy(value)
+                    except UnknownValueError as error:
+                        raise _no_data(machine, name, error) from None
+            kept: Variables = values, bool(parts)
+            codes.values[code] = kept
+        return code
+
+    def _check_apart(self, machine: str, parts: list[Any]) -> None:
+        """Refuse variables that share what can change: here each has a copy of its own."""
+        changing = [id(part) for part in parts if not isinstance(part, frozenset)]
+        text = "share a value that changes"
+        if len(set(changing)) < len(changing):
+            raise UnsupportedError(f"variables of {machine} {text}: keep a copy in each")
+        owners = {} if self._owners is None else self._owners
+        for part in changing:
+            if (owner := owners.setdefault(part, machine)) != machine:
+                raise UnsupportedError(f"{owner} and {machine} {text}: use a slot for that")
+
+
+def _no_data(machine: Machine, name: str, error: Exception) -> UnsupportedError:
+    what = error if isinstance(error, UnknownValueError) else "nested without end"
+    return UnsupportedError(
+        f"{machine.name}.{name} is {what}: only data can be explored; give "
+        f'abstract={{"{machine.name}.{name}": function}} to replace it'
+    )
+
+
+def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:
+    ways = [n for n, (*_, target) in enumerate(source.transitions) if target is seat.current]
+    return source.name, ways[0] if len(ways) == 1 else seat.fired
+
+
+def _ignore(_: object) -> None:
+    """Note nothing: messages do not change."""

@@ -1,0 +1,352 @@
+"""The machines to explore and their environment, with all ringlets that were run so far.
+
+Each distinct ringlet is run once and kept; a state space of millions of states needs a few hundred.
+A kept one answers for all times in a range, and for all control states of machines that it did not
+touch.
+
+What must be part of a state is not known beforehand but learnt by running: the limits with which
+code compares the time in a state, the machines whose control states a ringlet touches, and the
+machines that leave. Whenever something of the kind is new, `RelearnError` ends the exploration, and
+it begins again with larger states. That happens a few times, and the ringlets stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from itertools import product
+from math import prod
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from llfsm.errors import did_you_mean
+from llfsm.runtime.engine.events import Request
+from llfsm.runtime.verification._ringlets import Ringlets
+from llfsm.runtime.verification._time_model import Limits, TimeModel
+from llfsm.runtime.verification.domains import Member, messages_of
+from llfsm.runtime.verification.environment import (
+    ControlState,
+    Given,
+    RingletOutcome,
+    UnknownControlError,
+)
+from llfsm.runtime.verification.errors import DomainError, UnsupportedError, VerificationError
+from llfsm.runtime.verification.properties import defaults_of
+from llfsm.runtime.verification.values import freeze
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.kernel import OnError
+    from llfsm.whiteboard import Slot
+
+
+_MOST_CHOICES = 100_000
+"""Choices of the environment at one turn; far fewer already make too many states."""
+MOST_VALUES = 50_000
+"""Combinations of a machine's variables, after which there seems to be no end."""
+_REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
+
+
+class RelearnError(Exception):
+    """Something was learnt that must be part of a state: the exploration must begin again."""
+
+
+class Choice(NamedTuple):
+    """A choice of the environment at a turn: contents of slots by number, a request, a stop."""
+
+    contents: tuple[tuple[str, int], ...]
+    request: Request | None
+    stop: bool
+
+
+class System:
+    """The machines, the choices of their environment, and all ringlets run so far.
+
+    The last `watchers` machines are monitors, which watch the others. For the other arguments see
+    `explore`.
+    """
+
+    def __init__(
+        self,
+        members: Iterable[Member],
+        *,
+        watchers: int,
+        time_model: TimeModel,
+        sensors: Mapping[Slot[Any] | str, Iterable[Any]],
+        stop: bool,
+        suspend: Iterable[str],
+        by_rounds: bool,
+        unload_accepting: bool,
+        on_error: OnError,
+        abstract: Mapping[str, Callable[[Any], Any]],
+    ):
+        self.time_model = time_model
+        self.stop = stop
+        self.by_rounds = by_rounds
+        self.suspend = frozenset(suspend)
+        self.ringlets = Ringlets(
+            members,
+            watchers=watchers,
+            unload_accepting=unload_accepting,
+            on_error=on_error,
+            abstract=abstract,
+            controlled=self.suspend,
+        )
+        self.names = list(self.ringlets.places)
+        self.watchers = range(len(self.names) - watchers, len(self.names))
+        """The places of the monitors, which are the last machines."""
+        for name in sorted(self.suspend):
+            if name not in self.names:
+                raise DomainError(
+                    f"suspend names {name!r}, which is not a machine"
+                    f"{did_you_mean(name, self.names)}; the machines are: {', '.join(self.names)}"
+                )
+        self.limits: list[dict[str, Limits]] = [{} for _ in self.names]
+        """For each machine and state, the times that are asked about in it."""
+        self.mentions: list[set[int]] = [set() for _ in self.names]
+        """For each machine, those whose control state it asks for or changes."""
+        self.leavers: set[int] = set()
+        """The machines that were found to leave the arrangement."""
+        self._kept: dict[Given, list[tuple[Given, RingletOutcome]]] = {}
+        self._connect(sensors)
+
+    def _connect(self, sensors: Mapping[Slot[Any] | str, Iterable[Any]]) -> None:
+        self.reads: list[dict[str, str]] = []
+        """For each machine, the slot that each of its sensors reads."""
+        self.slots: dict[str, Slot[Any]] = {}
+        """All slots by their names."""
+        self.posted: set[str] = set()
+        """The slots that machines post to."""
+        declared: dict[str, list[tuple[str, Iterable[Any]]]] = {}
+        for seat in self.ringlets.seats:
+            table = type(seat.machine).table
+            reads = {}
+            for name, sensor in table.sensors.items():
+                slot = seat.slot_of(sensor)
+                reads[name] = slot.name
+                self._add_slot(slot, seat.name)
+                if sensor.domain is not None:
+                    where = f"{seat.name}.{name}"
+                    declared.setdefault(slot.name, []).append((where, sensor.domain))
+            self.reads.append(reads)
+            for actuator in table.actuators.values():
+                slot = seat.slot_of(actuator)
+                self._add_slot(slot, seat.name)
+                self.posted.add(slot.name)
+        self.sensed = {slot for reads in self.reads for slot in reads.values()}
+        given = {slot if isinstance(slot, str) else slot.name: d for slot, d in sensors.items()}
+        self.domains: dict[str, tuple[int, ...]] = {}
+        """The numbers of the messages that may be in each slot of the environment."""
+        for name, domain in given.items():
+            self._check_given(name)
+            self._add_domain(name, domain, f"sensors[{name!r}]")
+        for name, domains in declared.items():
+            if name not in self.posted and name not in self.domains:
+                for where, domain in domains:
+                    self._add_domain(name, domain, where)
+        self._check_complete()
+        self._check_choices()
+        self.defaults: Mapping[str, Any] = defaults_of(self.ringlets.seats)
+        """The message that a view shows for each slot while it is empty."""
+
+    def _add_slot(self, slot: Slot[Any], machine: str) -> None:
+        self.ringlets.message(slot.name, None)  # so that its messages are numbered from 1
+        known = self.slots.setdefault(slot.name, slot)
+        if known.type is not slot.type:
+            raise DomainError(
+                f"slot {slot.name!r} is of {known.type.__qualname__} for one machine, but of "
+                f"{slot.type.__qualname__} for {machine}"
+            )
+
+    def _check_given(self, name: str) -> None:
+        if name not in self.sensed:
+            raise DomainError(
+                f"sensors has a domain for {name!r}, which no machine reads"
+                f"{did_you_mean(name, self.sensed)}"
+            )
+        if name in self.posted:
+            raise DomainError(
+                f"sensors has a domain for {name!r}, to which machines post: either the machines "
+                f"or the environment may write a slot; a machine may stand for the environment"
+            )
+
+    def _add_domain(self, name: str, domain: Iterable[Any], where: str) -> None:
+        messages = messages_of(self.slots[name], domain, where)
+        numbers = tuple(self.ringlets.message(name, message) for message in messages)
+        if self.domains.setdefault(name, numbers) != numbers:
+            raise DomainError(f"{where}: another sensor of {name!r} declares another domain")
+
+    def _check_complete(self) -> None:
+        missing = [
+            f"{machine}.{sensor} ({slot})"
+            for machine, reads in zip(self.names, self.reads, strict=True)
+            for sensor, slot in reads.items()
+            if slot not in self.posted and slot not in self.domains
+        ]
+        if missing:
+            raise DomainError(
+                f"no machine posts what these sensors read, and they have no domain: "
+                f"{', '.join(missing)}; give Sensor(SLOT, domain=every(Type)), "
+                f"sensors={{SLOT: every(Type)}}, or on the command line --sensor SLOT=DOMAIN"
+            )
+
+    def _check_choices(self) -> None:
+        for place, name in enumerate(self.names):
+            slots = self.free_slots(place)
+            for slot in slots:
+                readers = [each for each, other in self.reads[place].items() if other == slot]
+                if len(readers) > 1:
+                    raise UnsupportedError(
+                        f"{name} reads {slot!r} by {' and '.join(readers)}, which may find two "
+                        f"different messages: this cannot be explored; keep one of these sensors"
+                    )
+            if self.by_rounds:
+                name, slots = "the environment", [*self.domains]
+            number = prod(len(self.domains[slot]) for slot in slots)
+            if number > _MOST_CHOICES:
+                raise DomainError(
+                    f"for {name} there are {number:,} combinations of what {', '.join(slots)} may "
+                    f"hold: list those that matter, as in sensors={{SLOT: [message, ...]}}"
+                )
+
+    # The choices of the environment
+
+    def free_slots(self, place: int) -> list[str]:
+        """List the slots of the environment that a machine reads, each once."""
+        if place in self.watchers:
+            return []
+        return [s for s in dict.fromkeys(self.reads[place].values()) if s in self.domains]
+
+    def keeps(self, place: int, slot: str) -> bool:
+        """Check that a slot's content is from before the turn of the machine, which reads it."""
+        return self.by_rounds or slot in self.posted or place in self.watchers
+
+    def contents(self, slots: Iterable[str]) -> Iterator[tuple[tuple[str, int], ...]]:
+        """List all combinations of contents of these slots of the environment."""
+        for numbers in product(*(self.domains[slot] for slot in slots)):
+            yield tuple(zip(slots, numbers, strict=True))
+
+    def choices(self, place: int, *, stopping: bool) -> list[Choice]:
+        """List the environment's choices at a turn of the machine at `place`."""
+        slots = [] if self.by_rounds else self.free_slots(place)
+        requests = _REQUESTS if self.names[place] in self.suspend else (None,)
+        stops = (False, True) if self.stop and not stopping else (False,)
+        return [
+            Choice(contents, request, stop)
+            for contents in self.contents(slots)
+            for request in requests
+            for stop in stops
+        ]
+
+    # The ringlets of the machines
+
+    def outcome(self, given: Given) -> RingletOutcome:
+        """Look the effects of a ringlet up, or run and keep it.
+
+        Raise `RelearnError` if running it has shown more than was known, and `VerificationError`
+        if a machine's variables have too many values.
+        """
+        key = given._replace(elapsed_ns=0, others=())
+        kept = self._kept.setdefault(key, [])
+        others = dict(given.others)
+        for _, outcome in kept:
+            if outcome.low_ns < given.elapsed_ns <= outcome.high_ns and all(
+                others[other] == its for other, its in outcome.asked
+            ):
+                return outcome
+        try:
+            outcome = self.ringlets.run_ringlet(given)
+        except UnknownControlError as error:
+            self.mentions[given.place] |= error.touched
+            raise RelearnError from None
+        self._learn_limits(given.place, outcome)
+        kept.append((given, outcome))
+        self._learn_leavers((given.place, outcome.control), *outcome.others)
+        if len(self.ringlets.variables[given.place]) > MOST_VALUES:
+            variable, number = next(iter(self.values().items()))
+            raise VerificationError(
+                f"there seems to be no end of states: {variable} has had {number} values; bound "
+                f'it, or give abstract={{"{variable}": lambda value: ...}} to leave out what does '
+                f"not matter"
+            )
+        return outcome
+
+    def _learn_limits(self, place: int, outcome: RingletOutcome) -> None:
+        """Note the times that a ringlet asks about, up to the first for which there is no room.
+
+        It ran for a time that may be too short to answer that one, so it is not kept.
+        """
+        for state, limit in outcome.limits:
+            limits = self.limits[place].setdefault(state, Limits())
+            before = self.time_model.most(limits)
+            limits.note(limit)
+            if self.time_model.most(limits) != before:
+                raise RelearnError
+
+    def _learn_leavers(self, *controls: tuple[int, int]) -> None:
+        codes = self.ringlets.controls
+        gone = {place for place, code in controls if not codes[place].values[code].loaded}
+        if not gone <= self.leavers:
+            self.leavers |= gone
+            raise RelearnError
+
+    def unreached(self) -> Iterator[str]:
+        """List the states that no machine comes into, as "Machine.STATE"; not of monitors."""
+        stood = {(place, control) for place, (control, _) in enumerate(self.ringlets.initial)}
+        for given, outcome in self.kept():
+            stood |= {(given.place, outcome.control), *outcome.others}
+        for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
+            codes = self.ringlets.controls[place].values
+            reached = {codes[control].current for other, control in stood if other == place}
+            yield from (f"{seat.name}.{state}" for state in seat.states if state not in reached)
+
+    def untaken(self) -> Iterator[str]:
+        """List the transitions that never fire, as "Machine.STATE -> TARGET: label"."""
+        fired = {(given.place, outcome.fired) for given, outcome in self.kept()}
+        for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
+            for state in type(seat.machine).table.states:
+                for number, way in enumerate(state.transitions):
+                    if (place, (state.name, number)) not in fired:
+                        yield f"{seat.name}.{state.name} -> {way.target.name}: {way.label}"
+
+    def values(self) -> dict[str, int]:
+        """Count the values that each variable has had, as "Machine.variable", the most first."""
+        found: dict[str, set[Hashable]] = {}
+        for place, name in enumerate(self.names):
+            for variables, _ in self.ringlets.variables[place].values:
+                for variable, value in variables.items():
+                    key = freeze(value, lambda _: None)
+                    found.setdefault(f"{name}.{variable}", set()).add(key)
+        return dict(sorted(((n, len(each)) for n, each in found.items()), key=lambda i: -i[1]))
+
+    def longest_wait(self) -> tuple[str, int]:
+        """Find the longest time that is asked about, in ns, after its "Machine.STATE"."""
+        waits = [
+            (limits[-1], f"{name}.{state}")
+            for name, of_states in zip(self.names, self.limits, strict=True)
+            for state, limits in of_states.items()
+            if limits
+        ]
+        limit_ns, place = max(waits, default=(0, ""))
+        return place, limit_ns
+
+    def kept(self) -> Iterator[tuple[Given, RingletOutcome]]:
+        """List all ringlets that were run, and their effects."""
+        for kept in self._kept.values():
+            yield from kept
+
+    def is_settled(self, place: int, control: int, *, stopping: bool) -> tuple[bool, bool]:
+        """Check as `Ringlets.is_settled` does; a monitor does not keep the execution alive."""
+        if place in self.watchers:
+            return True, True
+        return self.ringlets.is_settled(place, control, stopping=stopping, may_stop=self.stop)
+
+    def waits(self, place: int, control: int) -> bool:
+        """Check that a machine is suspended, and that anybody may wake it or leave it so."""
+        return place not in self.watchers and self.ringlets.waits(place, control)
+
+    def limits_of(self, place: int, control: ControlState) -> Limits:
+        """List the times asked about in a control state; none if the state's clock does not run."""
+        none = Limits()
+        return self.limits[place].get(control.current, none) if control.entered else none
+
+    def most_time(self, place: int) -> int:
+        """Return the largest number for the time of a machine in any state of its."""
+        return max(map(self.time_model.most, self.limits[place].values()), default=0)

@@ -1,0 +1,114 @@
+"""What several workers do with tests is what one process does with them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .rules import ROOT
+
+CONFTEST = """
+import os
+from workers import Workers
+begun = []
+def pytest_configure(config):
+    config.pluginmanager.register(Workers(2, lambda: begun.append(os.getpid())))
+"""
+FILES = {
+    "one": """
+        import conftest, os, pytest
+        def test_passes(tmp_path):
+            assert conftest.begun == [os.getpid()]
+            (tmp_path / "own").touch()
+        def test_dies(): os._exit(7)
+        def test_after_that(): pass
+        def test_says_why():
+            print("what it printed")
+            assert "a" == "b"
+    """,
+    "two": """
+        import os, pathlib, pytest, time
+        @pytest.fixture(scope="module")
+        def shared():
+            yield time.monotonic_ns()
+            pathlib.Path(os.environ.get("TORN_DOWN", os.devnull)).touch()
+        @pytest.fixture(scope="module")
+        def seen(): return set()
+        @pytest.mark.parametrize("n", range(3))
+        def test_shares(shared, seen, n):
+            seen.add(shared)
+            assert len(seen) == 1
+        @pytest.mark.timeout(1)
+        def test_takes_too_long(): time.sleep(60)
+        @pytest.mark.skip(reason="as it says")
+        def test_is_skipped(): pass
+    """,
+    "three": """
+        import pytest
+        @pytest.fixture
+        def broken(): raise OSError("no such luck")
+        def test_cannot_begin(broken): pass
+    """,
+}
+
+
+def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    (folder / "conftest.py").write_text(CONFTEST)
+    for name, text in FILES.items():
+        lines = (line[8:] for line in text.splitlines())
+        (folder / f"test_{name}.py").write_text("\n".join(lines))
+    plugins = ["-p", "pytest_timeout", "-p", "no:cacheprovider", "-rA"]
+    path = f"{ROOT / 'tests'}:{folder}"
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", *plugins, *options, str(folder)],
+        cwd=folder, env=os.environ | {"PYTHONPATH": path, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        text=True, capture_output=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProcess[str]:
+    return run(tmp_path_factory.mktemp("run"))
+
+
+def test_each_test_has_its_outcome(done: subprocess.CompletedProcess[str]) -> None:
+    assert done.returncode == 1
+    assert "3 failed, 5 passed, 1 skipped, 1 error" in done.stdout
+    for name in ("test_one.py::test_passes", "test_one.py::test_after_that", "test_shares[2]"):
+        assert any(
+            line.startswith("PASSED") and line.endswith(name) for line in done.stdout.splitlines()
+        )
+
+
+def test_the_reasons_are_shown(done: subprocess.CompletedProcess[str]) -> None:
+    assert "the process that ran it died: 7" in done.stdout
+    assert "assert 'a' == 'b'" in done.stdout
+    assert "what it printed" in done.stdout
+    assert "Timeout (>1.0s)" in done.stdout
+    assert "no such luck" in done.stdout
+    assert "as it says" in done.stdout
+
+
+def test_what_tests_share_is_taken_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TORN_DOWN", str(tmp_path / "torn down"))
+    assert run(tmp_path).stderr == ""
+    assert (tmp_path / "torn down").exists()
+
+
+def test_it_stops_at_a_failure(tmp_path: Path) -> None:
+    done = run(tmp_path, "-x")
+    assert done.returncode in (1, 2)
+    assert "stopping after" in done.stdout
+    assert "passed, 1 skipped" not in done.stdout
+
+
+def test_nothing_to_run_and_what_cannot_be_imported_are_errors(tmp_path: Path) -> None:
+    assert run(tmp_path, "-k", "nothing").returncode == pytest.ExitCode.NO_TESTS_COLLECTED
+    (tmp_path / "test_wrong.py").write_text("import nothing_of_the_kind")
+    done = run(tmp_path)
+    assert done.returncode == pytest.ExitCode.INTERRUPTED
+    assert "nothing_of_the_kind" in done.stdout
