@@ -11,7 +11,7 @@ import pickle
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from definition import Defined
+from definition import Defined, DefinedKernel
 from llfsm.runtime import ExecutionError, Machine, ManualClock
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.events import Request
@@ -160,8 +160,8 @@ class May(NamedTuple):
 _NOTHING = May()
 
 
-class _Failing(Defined):
-    """An arrangement that keeps what code has raised, or suspends its machine without a word."""
+class _FailingKernel(DefinedKernel):
+    """A kernel that keeps what code has raised, or suspends its machine without a word."""
 
     error = ""
 
@@ -187,12 +187,13 @@ class _Naive:
         self.may = may
         self.clock = ManualClock(START_NS)
         self.world = World(self.clock)
-        self.arrangement = _Failing(
+        self.arrangement = Defined(
             machines,
             environment=self.world,
             unload_accepting=unload_accepting,
             on_error=on_error,
         )
+        self.arrangement.kernel.__class__ = _FailingKernel
         self.seats = list(self.arrangement.roster)
         self.periods_ns = periods_ns
         self.domains = {slot.name: list(messages) for slot, messages in domains.items()}
@@ -242,11 +243,17 @@ class _Naive:
                 pickle.dumps([(n, getattr(seat.machine, n)) for n in self._variables(seat)]),
             ))  # fmt: skip
         cells = tuple(pickle.dumps(self.world.cells.get(name)) for name in self.slots)
-        return turn, tuple(machines), cells, self.arrangement.stopping, self.arrangement.error
+        return (
+            turn,
+            tuple(machines),
+            cells,
+            self.arrangement.kernel.stopping,
+            self.arrangement.kernel.error,
+        )
 
     def restore(self, state: Any) -> None:
-        _, machines, cells, stopping, self.arrangement.error = state
-        self.arrangement.stopping = stopping
+        _, machines, cells, stopping, self.arrangement.kernel.error = state
+        self.arrangement.kernel.stopping = stopping
         now, roster = self.clock.now_ns(), self.arrangement.roster
         for seat, saved in zip(self.seats, machines, strict=True):
             current, previous, remembered, request, accepted, taken, *more = saved
@@ -281,7 +288,7 @@ class _Naive:
     def successors(self, state: Any) -> Iterator[Any]:
         self.restore(state)
         turn = self._next(state[0])
-        if turn is None or self.arrangement.error or (state[0] == 0 and not self._goes_on()):
+        if turn is None or self.arrangement.kernel.error or (state[0] == 0 and not self._goes_on()):
             return
         seat = self.seats[turn]
         free = [
@@ -312,21 +319,21 @@ class _Naive:
 
     def _goes_on(self) -> bool:
         """Return whether a round may begin: also if a request can have come just now."""
-        stopping, asked = self.arrangement.stopping, self._asked()
-        resumable = not stopping and bool(self.arrangement.failed_machines)
+        stopping, asked = self.arrangement.kernel.stopping, self._asked()
+        failed = any(seat.taken and seat.failure is not None for seat in self.seats)
         asking = any(s.suspended or not stopping for s in asked)
-        return not self.arrangement.finished or asking or resumable
+        return not self.arrangement.finished or asking or (failed and not stopping)
 
     def _may_end(self, turn: int) -> bool:
         """Return whether the execution may end where it is; one that is suspended may be held.
 
         A stop, and a suspend of who would wake, can come before it is decided.
         """
-        if self.arrangement.error:
+        if self.arrangement.kernel.error:
             return True
         asleep = [seat for seat in self._asked() if seat.suspended]
         others = [seat for seat in self.seats if seat.taken and seat not in asleep]
-        if asleep and not (self.arrangement.stopping or self.may.stop):
+        if asleep and not (self.arrangement.kernel.stopping or self.may.stop):
             return False
         begun = all(seat.entered_ns != NEVER for seat in asleep)
         return turn == 0 and begun and all(seat.settled for seat in others)
