@@ -25,17 +25,20 @@ from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
     Property,
     View,
     Witness,
     defaults_of,
     evaluate,
     on_a_screen,
+    some_failed,
 )
 from llfsm.runtime.verification.values import message_text
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.journal.entries import Entry
     from llfsm.runtime.verification.domains import Member
@@ -117,7 +120,7 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     Return a view of the initial state, and one of the state after each turn. Raise
     `ExecutionError` for an error of a machine's code, as `Arrangement.round` does.
     """
-    run = ScriptRun(space.members, unload_accepting=space.unload_accepting)
+    run = ScriptRun(space.members, unload_accepting=space.unload_accepting, on_error=space.on_error)
     views = [view_of(run.scripted)]
     turn = False
 
@@ -215,6 +218,8 @@ class Holds:
         before, now = self._earlier, view_of(environment)
         self._earlier = now
         match prop.kind:
+            case "never" if prop is NO_FAILURE:
+                return not some_failed(now)
             case "never" if prop.functions:
                 return not evaluate(prop, prop.functions[0], now)
             case "always":
@@ -272,10 +277,14 @@ class TurnRow(NamedTuple):
 
 
 def rows_of(
-    members: Iterable[Member], script: Sequence[Step], *, unload_accepting: bool = True
+    members: Iterable[Member],
+    script: Sequence[Step],
+    *,
+    unload_accepting: bool = True,
+    on_error: OnError = "stop",
 ) -> list[TurnRow]:
     """Do a script, and list its turns."""
-    run, entries = journal_of(members, script, unload_accepting=unload_accepting)
+    run, entries = journal_of(members, script, unload_accepting=unload_accepting, on_error=on_error)
     slots = _slots_of(machine._seat for machine in run.scripted.machines.values())
     rows: list[TurnRow] = []
     turn: list[Entry] = []
@@ -405,7 +414,12 @@ def story_of(space: Space, witness: Witness, *, full: bool = False) -> Iterator[
         yield "in the initial state"
     else:
         script = script_of(witness, space.slots)
-        rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+        rows = rows_of(
+            space.members,
+            script,
+            unload_accepting=space.unload_accepting,
+            on_error=space.on_error,
+        )
         table = table_of(rows[:number], number - 1, full=full)
         yield f"after {number} turn{'s' if number != 1 else ''}:"
         yield from table.splitlines()
@@ -432,6 +446,7 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
     machines = "".join(f"            {_machine(text, each, folder)},\n" for each in space.members)
     steps = "".join(f"            {text.step(step)},\n" for step in script_of(witness, space.slots))
     keep = "        unload_accepting=True,\n" if space.unload_accepting else ""
+    keep += "" if space.on_error == "stop" else f"        on_error={space.on_error!r},\n"
     keep += "        to_end=True,\n" if space.suspend else ""
     between, given = between_of(witness), name
     if between is not None:

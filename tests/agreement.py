@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from hypothesis import assume, event, reject
 from hypothesis import strategies as st
 
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.verification import (
     UnsupportedError,
     always_possible,
@@ -36,6 +37,7 @@ class Situation(NamedTuple):
     unload_accepting: bool
     period_ms: int
     may: May
+    on_error: OnError = "stop"
 
 
 situations = st.builds(
@@ -44,6 +46,7 @@ situations = st.builds(
     st.booleans(),
     st.sampled_from([5, 8, 10]),
     st.builds(May, st.booleans(), st.sets(st.just("A")), st.booleans()),
+    st.sampled_from(["stop", "suspend"]),
 )
 
 
@@ -53,6 +56,7 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     how: dict[str, Any] = {
         "period_ms": situation.period_ms,
         "unload_accepting": situation.unload_accepting,
+        "on_error": situation.on_error,
     }
     ours: dict[str, Any] = {
         "sensors": DOMAINS,
@@ -77,6 +81,7 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
         (lambda v: v[name].state == where, lambda view: view[f"{name}.state"] == where),
         (lambda v: v.A.n == 1, lambda view: view["A.n"] == 1),
         (lambda v: v[SHARED].data == 0, lambda view: view["shared"] == Int32(data=0)),
+        (lambda v: v[name].has_failed, lambda view: view[f"{name}.has_failed"]),
     ]
     safety = [kind(of_view) for of_view, _ in sought for kind in (never, reachable)]
     depths = [
@@ -93,7 +98,7 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     late += [naive.late(there_naively, rounds) for rounds in range(5)]
     expected = [not each for each in late]
 
-    (asks, asks_naively), _, (response, response_naively) = sought
+    (asks, asks_naively), _, (response, response_naively), _ = sought
     recurring = (lambda v: v.A.n == 1, lambda v: v[name].state == first)
     naively: tuple[Naively, ...] = (
         lambda view: view["A.n"] == 1,
@@ -116,10 +121,12 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
 
     space = explore(machines, properties=[*safety, *answers], **ours, **how)
     for verdict, least in zip(space.verdicts, depths, strict=False):
-        assert verdict.holds is ((least is None) == (verdict.property.kind == "never"))
+        known = (least is None) == (verdict.property.kind == "never")
+        assert verdict.holds is (None if naive.fails and least is None else known)
         assert (verdict.witness and len(verdict.witness.turns)) == least
-    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == expected
-    for verdict, (_, of_naive) in zip(space.verdicts[-5::2], sought, strict=True):
+    decided = [None if naive.fails and each else each for each in expected]
+    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
+    for verdict, (_, of_naive) in zip(space.verdicts[-7::2], sought, strict=True):
         hopeless = naive.hopeless(of_naive)
         region = verdict.witness and verdict.witness.region
         assert (region is None) is (not hopeless)

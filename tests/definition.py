@@ -10,7 +10,7 @@ from llfsm.runtime.engine.kernel import Kernel, Loadable
 from llfsm.runtime.engine.ringlet import DefinedRotation, defined_ringlet, ringlet
 from llfsm.runtime.engine.statistics import DefinedTiming, Stopwatch
 
-__all__ = ["BUILT", "Defined"]
+__all__ = ["BUILT", "Defined", "DefinedKernel"]
 
 BUILT = ringlet is not defined_ringlet
 """Whether there are twins."""

@@ -11,17 +11,19 @@ import pickle
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from definition import Defined
+from definition import Defined, DefinedKernel
 from llfsm.runtime import ExecutionError, Machine, ManualClock
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.seat import NEVER, Seat
+from llfsm.runtime.engine.seat import NEVER, Failure, Seat
 from llfsm.whiteboard import Slot, Whiteboard
 
 __all__ = ["Explored", "May", "naively_explored"]
 
 START_NS = 10**15  # more than any limit, so that no state is entered before time began
+FAILURE = Failure(ExecutionError("it has failed", "", "", "", None, None), 0)
 Domains = Mapping[Slot[Any], Iterable[Any]]
 Holds = Callable[[dict[str, Any]], bool]
 
@@ -84,6 +86,9 @@ class Explored(NamedTuple):
     """Of each state, by `Machine.state`, `Machine.variable` and a slot's name."""
     ends: set[Any]
     """The states in which the execution may end."""
+
+    fails: bool
+    """True if it ends where code raises."""
 
     @property
     def first(self) -> Any:
@@ -167,13 +172,17 @@ class May(NamedTuple):
 _NOTHING = May()
 
 
-class _Failing(Defined):
-    """An arrangement that keeps what code has raised."""
+class _FailingKernel(DefinedKernel):
+    """A kernel that keeps what code has raised, or suspends its machine without a word."""
 
     error = ""
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
-        self.error = str(error)
+        if self.on_error == "stop":
+            self.error = str(error)
+        else:
+            seat.fail(FAILURE)
+            self.set_aside(seat)
 
 
 class _Naive:
@@ -184,14 +193,19 @@ class _Naive:
         domains: Domains,
         kept: set[str],
         unload_accepting: bool,
+        on_error: OnError,
         may: May,
     ):
         self.may = may
         self.clock = ManualClock(START_NS)
         self.world = World(self.clock)
-        self.arrangement = _Failing(
-            machines, environment=self.world, unload_accepting=unload_accepting
+        self.arrangement = Defined(
+            machines,
+            environment=self.world,
+            unload_accepting=unload_accepting,
+            on_error=on_error,
         )
+        self.arrangement.kernel.__class__ = _FailingKernel
         self.seats = list(self.arrangement.roster)
         self.periods_ns = periods_ns
         self.domains = {slot.name: list(messages) for slot, messages in domains.items()}
@@ -236,18 +250,27 @@ class _Naive:
                 seat.accepted,
                 seat.taken,
                 seat.entered_ns != NEVER,
+                seat.failure is not None,
                 elapsed,
                 pickle.dumps([(n, getattr(seat.machine, n)) for n in self._variables(seat)]),
             ))  # fmt: skip
         cells = tuple(pickle.dumps(self.world.cells.get(name)) for name in self.slots)
-        return turn, tuple(machines), cells, self.arrangement.stopping, self.arrangement.error
+        return (
+            turn,
+            tuple(machines),
+            cells,
+            self.arrangement.kernel.stopping,
+            self.arrangement.kernel.error,
+        )
 
     def restore(self, state: Any) -> None:
-        _, machines, cells, stopping, self.arrangement.error = state
-        self.arrangement.stopping = stopping
+        _, machines, cells, stopping, self.arrangement.kernel.error = state
+        self.arrangement.kernel.stopping = stopping
         now, roster = self.clock.now_ns(), self.arrangement.roster
         for seat, saved in zip(self.seats, machines, strict=True):
-            current, previous, remembered, request, accepted, taken, begun, elapsed, data = saved
+            current, previous, remembered, request, accepted, taken, *more = saved
+            begun, failed, elapsed, data = more
+            seat.failure = FAILURE if failed else None
             found = seat.states | {seat.suspension.name: seat.suspension}
             seat.current, seat.remembered = found[current], found[remembered]
             seat.previous = None if previous is None else found[previous]
@@ -269,6 +292,7 @@ class _Naive:
         view: dict[str, Any] = dict(self.world.cells)
         for seat in self.seats:
             view[f"{seat.name}.state"] = seat.current.name
+            view[f"{seat.name}.has_failed"] = seat.failure is not None
             for name in self._variables(seat):
                 view[f"{seat.name}.{name}"] = getattr(seat.machine, name)
         return view
@@ -276,7 +300,7 @@ class _Naive:
     def successors(self, state: Any) -> Iterator[Any]:
         self.restore(state)
         turn = self._next(state[0])
-        if turn is None or self.arrangement.error or (state[0] == 0 and not self._goes_on()):
+        if turn is None or self.arrangement.kernel.error or (state[0] == 0 and not self._goes_on()):
             return
         seat = self.seats[turn]
         free = [
@@ -307,19 +331,21 @@ class _Naive:
 
     def _goes_on(self) -> bool:
         """Return whether a round may begin: also if a request can have come just now."""
-        stopping, asked = self.arrangement.stopping, self._asked()
-        return not self.arrangement.finished or any(s.suspended or not stopping for s in asked)
+        stopping, asked = self.arrangement.kernel.stopping, self._asked()
+        failed = any(seat.taken and seat.failure is not None for seat in self.seats)
+        asking = any(s.suspended or not stopping for s in asked)
+        return not self.arrangement.finished or asking or (failed and not stopping)
 
     def _may_end(self, turn: int) -> bool:
         """Return whether the execution may end where it is; one that is suspended may be held.
 
         A stop, and a suspend of who would wake, can come before it is decided.
         """
-        if self.arrangement.error:
+        if self.arrangement.kernel.error:
             return True
         asleep = [seat for seat in self._asked() if seat.suspended]
         others = [seat for seat in self.seats if seat.taken and seat not in asleep]
-        if asleep and not (self.arrangement.stopping or self.may.stop):
+        if asleep and not (self.arrangement.kernel.stopping or self.may.stop):
             return False
         begun = all(seat.entered_ns != NEVER for seat in asleep)
         return turn == 0 and begun and all(seat.settled for seat in others)
@@ -330,7 +356,7 @@ class _Naive:
 
     def run(self) -> Explored | None:
         first = self.save(0)
-        explored = Explored({}, {}, set())
+        explored = Explored({}, {}, set(), fails=False)
         waiting, known = [first], {first}
         for state in waiting:
             after = list(self.successors(state))
@@ -340,6 +366,7 @@ class _Naive:
             explored.views[state] = self.view()
             if self._may_end(state[0]):
                 explored.ends.add(state)
+            explored = explored._replace(fails=explored.fails or bool(state[-1]))
             explored.successors[state] = after
             new = [each for each in dict.fromkeys(after) if each not in known]
             known.update(new)
@@ -361,6 +388,7 @@ def naively_explored(
     domains: Domains,
     kept: Iterable[Slot[Any]] = (),
     unload_accepting: bool = True,
+    on_error: OnError = "stop",
     may: May = _NOTHING,
 ) -> Explored:
     """Explore all states; `kept` are slots that belong to them though no machine reads them.
@@ -372,7 +400,7 @@ def naively_explored(
     limits: dict[tuple[int, str], int] = {}
     while True:
         names = {slot.name for slot in kept}
-        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, may)
+        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, on_error, may)
         naive.limits.update(limits)
         explored = naive.run()
         if explored is not None:

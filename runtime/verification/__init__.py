@@ -16,7 +16,7 @@ whole numbers), `packed_states` (many of them; its twin in C is `_states.c`),
 and `space`.
 """
 
-from llfsm.runtime.verification._exploring import explore, verify
+from llfsm.runtime.verification._exploring import ExploreOptions, explore, verify
 from llfsm.runtime.verification.domains import Member, every
 from llfsm.runtime.verification.errors import (
     DomainError,
@@ -49,6 +49,7 @@ __all__ = [
     "NO_FAILURE",
     "ChosenTurn",
     "DomainError",
+    "ExploreOptions",
     "MachineView",
     "Member",
     "PredicateError",

@@ -13,7 +13,7 @@ That costs less than to keep one with every state, as few ways are asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.verification._ringlets import ENDINGS
@@ -61,13 +61,12 @@ class Search:
         self._sizes: list[tuple[int, tuple[int, ...]]] = []
         """The states and, by `System.sizes`, the values, whenever there were twice as many."""
         self._last = len(tables.system.names) - 1
-        self._words = tables.packing.words
-        self._seen = [Seen(self._words) for _ in tables.system.names]
+        self._seen = [Seen(tables.packing.words) for _ in tables.system.names]
 
     def begin(self) -> Level:
         """Add and return the first level: the initial state."""
         level: Level = {}
-        self._note_new(level, 0, self._pack([self.tables.initial()]))
+        self._note_new(level, 0, self.tables.packing.states([self.tables.initial()]))
         return self._add(level)
 
     def go_on(self, goes_on: Callable[[Search], bool]) -> Level:
@@ -102,7 +101,7 @@ class Search:
     def _note_new(self, level: Level, turn: int, states: States) -> None:
         """Add those of some states to a level that are new."""
         if turn not in level:
-            level[turn] = States(self._words)
+            level[turn] = self.tables.packing.states()
         self._seen[turn].add(states, level[turn])
 
     def _add(self, level: Level) -> Level:
@@ -116,9 +115,6 @@ class Search:
     def half(self) -> tuple[int, tuple[int, ...]]:
         """Return a number of states, half of all or less, and `System.sizes` of that moment."""
         return next(then for then in self._sizes[::-1] if 2 * then[0] <= self.states + 1)
-
-    def _pack(self, states: Iterable[int]) -> States:
-        return States(self._words, states)
 
     def pairs(self, turn: int, states: States) -> list[tuple[int, int]]:
         """List the states before and after each ringlet in one turn from `states`."""
@@ -180,7 +176,7 @@ class Search:
         Raise `TimeUpError` after the deadline.
         """
         self.tables.system.ringlets.deadline.check()
-        _, found = self._expand(turn, self._pack([state]))
+        _, found = self._expand(turn, self.tables.packing.states([state]))
         return list(dict.fromkeys((next_turn, s) for next_turn, each in found for s in each))
 
     def step_between(self, before: tuple[int, int], after: tuple[int, int]) -> Successor:
@@ -191,12 +187,15 @@ class Search:
         """List all possible turns from a state."""
         tables = self.tables
         contents = list(tables.system.contents(sorted(tables.system.domains)))
-        for place, group in self._ready(turn, self._pack([state])):
+        for place, group in self._ready(turn, self.tables.packing.states([state])):
             for number, ready in enumerate(group):
                 begins = turn == 0 and tables.rounds is not None
                 chosen = contents[number % len(contents)] if begins else ()
                 for choice, outcome, (keep, put) in tables.choices(place, ready):
-                    restarted, found = outcome.restarted, self._pack([ready & keep | put])
+                    restarted, found = (
+                        outcome.restarted,
+                        self.tables.packing.states([ready & keep | put]),
+                    )
                     for next_turn, (after,) in self._to_turns(place, found):
                         yield Successor(place, chosen, choice, ready, restarted, next_turn, after)
 

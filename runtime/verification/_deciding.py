@@ -51,7 +51,7 @@ from llfsm.runtime.verification.space import Progress
 _NOTHING = Responses(lambda _: True, (lambda _: False,))
 """What is always due and never comes: every cycle and every end is without it."""
 
-_LOOK_S = 0.2
+LOOK_S = 0.2
 """The time after which to look again whether memory is left."""
 
 
@@ -80,7 +80,7 @@ class Decisions:
         self._progress = progress
         self.short_of_memory = False
         """True if it was ended before memory was used up."""
-        self._look_s = _LOOK_S
+        self._look_s = LOOK_S
         self._begin = time.monotonic()
         self._deadline_s = inf if max_seconds is None else self._begin + max_seconds
         system.ringlets.deadline.at_s = self._deadline_s
@@ -127,7 +127,7 @@ class Decisions:
             if self._progress(now) is False:
                 return False
         if self.seconds >= self._look_s:
-            self._look_s = self.seconds + _LOOK_S
+            self._look_s = self.seconds + LOOK_S
             if is_memory_short():
                 self.cut = self.short_of_memory = True
                 return False
@@ -147,6 +147,17 @@ class Decisions:
                 yield Verdict(prop, None, None)
 
     def _verdict(self, prop: Property, search: Search) -> Verdict:
+        """Decide a property; what no way shows is not known if all ends where code raises."""
+        verdict = self._decided(prop, search)
+        if verdict.witness is None and prop is not NO_FAILURE and self._has_failed(search):
+            return Verdict(prop, None, None)
+        return verdict
+
+    def _has_failed(self, search: Search) -> bool:
+        ended = search.tables.ended
+        return any(len(ended(states)) for level in search.levels for states in level.values())
+
+    def _decided(self, prop: Property, search: Search) -> Verdict:
         if prop.kind in LIVENESS:
             if not self.complete or self.cut:
                 return Verdict(prop, None, None)
@@ -193,7 +204,7 @@ class Decisions:
 
     def _decides(self, prop: Property, search: Search, step: Successor) -> bool:
         if prop is NO_FAILURE:
-            return bool(step.state & search.tables.failed.mask)
+            return bool(search.tables.failing(search.tables.packing.states([step.state])))
         checker = self._checkers[prop][0]
         if prop.kind == "step":
             return bool(checker.select_pairs([(step.ready, step.state)], self.named))

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
 
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.verification._breadth_first import search_states
@@ -41,11 +41,31 @@ from llfsm.runtime.verification.properties import (
 from llfsm.runtime.verification.space import Progress, Space
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.kernel import Factory
+    from llfsm.runtime.engine.kernel import Factory, OnError
     from llfsm.whiteboard import Slot
 
 _YOUNG = 50_000
 """Objects that are made before garbage is looked for among them."""
+
+
+Choices: TypeAlias = Literal["turns", "rounds"]
+
+
+class ExploreOptions(TypedDict, total=False):
+    """The options of `explore`, which says what they do; those of `verify` are the same."""
+
+    period_ms: float | None
+    any_time: bool
+    sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
+    stop: bool
+    suspend: Iterable[str]
+    choices: Choices
+    abstract: Mapping[str, Callable[[Any], Any]] | None
+    unload_accepting: bool
+    on_error: OnError
+    max_states: int | None
+    max_seconds: float | None
+    progress: Callable[[Progress], object] | None
 
 
 def explore(
@@ -57,9 +77,10 @@ def explore(
     properties: Iterable[Property] = (),
     stop: bool = False,
     suspend: Iterable[str] = (),
-    choices: Literal["turns", "rounds"] = "turns",
+    choices: Choices = "turns",
     abstract: Mapping[str, Callable[[Any], Any]] | None = None,
     unload_accepting: bool = True,
+    on_error: OnError = "stop",
     max_states: int | None = None,
     max_seconds: float | None = None,
     progress: Callable[[Progress], object] | None = None,
@@ -87,6 +108,8 @@ def explore(
         abstract: for "Machine.variable", a function of its value whose result replaces the value
             after each turn.
         unload_accepting: as for `Arrangement`.
+        on_error: as for `Arrangement`. With "stop", all ends where code raises: what no way shows
+            is then undecided. With "suspend" the others go on.
         max_states: end the exploration at a level with as many states.
         max_seconds: end it after this time, once the ringlet under way is over.
         progress: called after each level, and within large ones; it ends the exploration by
@@ -101,6 +124,8 @@ def explore(
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
     members = (*members_of(machines), *map(Member, watching))
     time_model = _time_model(period_ms, asked, any_time=any_time)
+    if on_error not in ("stop", "suspend"):
+        raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
         raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
     system = System(
@@ -112,6 +137,7 @@ def explore(
         suspend=[suspend] if isinstance(suspend, str) else suspend,
         by_rounds=choices == "rounds",
         unload_accepting=unload_accepting,
+        on_error=on_error,
         abstract=abstract or {},
     )
     for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
@@ -171,25 +197,34 @@ def _seldom_collected() -> Iterator[None]:
 
 def verify(
     machines: Factory | Iterable[Factory | Member],
-    *properties: Property,
-    **how: Any,
+    *asked: Property,
+    properties: Iterable[Property] = (),
+    **how: Unpack[ExploreOptions],
 ) -> Space:
     """Explore as `explore` does, and raise `PropertyError` unless all properties hold.
 
-    That no machine's code raises is one of them. A property that is undecided does not hold.
+    They are given one after the other, or as `properties`. That no machine's code raises is one of
+    them. A property that is undecided does not hold.
     """
-    space = explore(machines, properties=(NO_FAILURE, *properties), **how)
+    given = [NO_FAILURE, *asked, *_check_properties(properties)]
+    space = explore(machines, properties=given, **how)
     wrong = [verdict for verdict in space.verdicts if not verdict.holds]
     if wrong:
         hints = () if space.complete else space.hints()
-        raise PropertyError("\n".join(chain(*map(_lines, wrong), hints)), space.verdicts)
+        why = (
+            "as code raises, and all ends there"
+            if space.complete
+            else "as not all states were found"
+        )
+        lines = chain(*(_lines(verdict, why) for verdict in wrong), hints)
+        raise PropertyError("\n".join(lines), space.verdicts)
     return space
 
 
-def _lines(verdict: Verdict) -> Iterator[str]:
+def _lines(verdict: Verdict, why: str) -> Iterator[str]:
     witness = verdict.witness
     if verdict.holds is None:
-        yield f"{verdict.property}: undecided, as not all states were found"
+        yield f"{verdict.property}: undecided, {why}"
     elif witness is None:
         yield f"{verdict.property}: violated"
     else:

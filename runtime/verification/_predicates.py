@@ -96,7 +96,7 @@ class Checker:
         """List the states that are sought; add fields that states lack to `named`."""
         self._named = named
         if not isinstance(states, States):
-            states = States(self._tables.packing.words, states)
+            states = self._tables.packing.states(states)
         while True:
             with suppress(_HasGrownError):
                 return self._states.split(states)[0]

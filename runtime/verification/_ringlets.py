@@ -21,7 +21,7 @@ from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
-from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.engine.seat import Failure, Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -39,10 +39,12 @@ from llfsm.runtime.verification.values import (
     Variables,
     freeze,
     other_copy,
+    own_copy,
 )
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.machine import Submachine
     from llfsm.runtime.engine.ringlet import BoundState
 
@@ -54,7 +56,7 @@ Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 
 GiveTurns: TypeAlias = Callable[[Iterable[Seat]], bool]
 """Gives seats their turns; True if a transition fired in any."""
-_Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool]
+_Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool, bool]
 """A control state with the bound states themselves: where a seat stands."""
 
 
@@ -62,6 +64,8 @@ class TimeUpError(Exception):
     """The time to explore is over."""
 
 
+_FAILURE = Failure(ExecutionError("", "", "", "", None, None), NEVER)
+"""The failure of every machine that has failed: what its code raised is no part of a state."""
 ENDINGS = (KeyboardInterrupt, TimeUpError)
 """The exceptions that end an exploration: a property that is not decided by then is undecided."""
 
@@ -85,7 +89,9 @@ class _ExploredKernel(Kernel):
     environment: ExploredEnvironment
     unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
     error: ExecutionError | None = None
-    """What a machine's code raised in the latest turn."""
+    """What a machine's code raised in the latest turn, if all ends with that."""
+    raised_in: BoundState | None = None
+    """The state in which it was, if its machine was suspended for that."""
 
     @property
     def contains_exits(self) -> bool:
@@ -93,17 +99,22 @@ class _ExploredKernel(Kernel):
         return True
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Keep what a machine's code raised; the machine stays as it is."""
+        """Keep what a machine's code raised, with which all ends; or suspend the machine."""
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
             raise error.__cause__
-        self.error = error
+        if self.on_error == "stop" or seat.name in self.environment.watchers:
+            self.error = error
+            return
+        self.raised_in = seat.previous
+        seat.fail(_FAILURE)
+        self.set_aside(seat)
 
 
 class Ringlets(Control):
     """Machines of which any may have a ringlet, from any control state.
 
     The last `watchers` are monitors; anybody may suspend, resume or restart those that
-    `controlled` names.
+    `controlled` names. Of `on_error`, monitors know "stop" alone.
     """
 
     kernel: _ExploredKernel
@@ -114,11 +125,15 @@ class Ringlets(Control):
         *,
         watchers: int,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Abstraction,
         controlled: Iterable[str],
     ):
         self.environment = ExploredEnvironment()
-        super().__init__(_ExploredKernel(self.environment, unload_accepting=unload_accepting))
+        kernel = _ExploredKernel(
+            self.environment, unload_accepting=unload_accepting, on_error=on_error
+        )
+        super().__init__(kernel)
         self._controlled = frozenset(controlled)  # by anybody
         self._complete = False
         for member in members:
@@ -191,14 +206,15 @@ class Ringlets(Control):
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
         environment.begin(seat.name, elapsed_ns if was.entered else None)
-        self.kernel.error = None
+        self.kernel.error = self.kernel.raised_in = None
         self.executed += 1
         fired = (turns or self.kernel.give_turns)((seat,))
         self._check_ports(place)
         asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
         if environment.refusal is not None:
             raise environment.refusal
-        clock_state, error = seat.previous, self.kernel.error
+        error = self.kernel.error
+        clock_state = self.kernel.raised_in or seat.previous
         return RingletOutcome(
             environment.low_ns,
             environment.high_ns,
@@ -263,15 +279,16 @@ class Ringlets(Control):
         They differ where a request from outside does, if it is there when the round is over: to
         suspend one that accepts, or to resume or restart one that is suspended; a suspend also
         withdraws what would wake it. Unless a stop has come, or may at that moment, one that is
-        suspended does without it, as if that was asked from outside.
+        suspended does without it, as if that was asked from outside. One that has failed keeps it
+        alive, until a stop, if some other process can resume it, which is not known.
         """
         seat = self.seats[place]
         if self.waits(place, control):
             return (stopping or may_stop) and seat.entered_ns != NEVER, False
         if not seat.taken:
             return True, True
-        controlled = seat.name in self._controlled
-        return seat.settled, seat.settled and (stopping or not controlled)
+        held = seat.name in self._controlled or seat.failure is not None
+        return seat.settled, seat.settled and (stopping or not held)
 
     def waits(self, place: int, control: int) -> bool:
         """Check that a machine is suspended, and that anybody may wake it or leave it so."""
@@ -376,7 +393,7 @@ class Ringlets(Control):
         seat.request = control.request
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
-        seat.failure = None
+        seat.failure = _FAILURE if control.failed else None
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:
@@ -392,7 +409,7 @@ class Ringlets(Control):
         begun = seat.entered_ns != NEVER
         standing = (
             *(seat.current, seat.previous, seat.remembered),
-            *(seat.request, seat.accepted, seat.taken, begun),
+            *(seat.request, seat.accepted, seat.taken, begun, seat.failure is not None),
         )
         number = self._standings[place].get(standing)
         if number is None:
@@ -441,18 +458,20 @@ class Ringlets(Control):
             try:
                 key.append(freeze(value, parts.append))
             except (UnknownValueError, RecursionError) as error:
-                what = error if isinstance(error, UnknownValueError) else "nested without end"
-                raise UnsupportedError(
-                    f"{machine.name}.{name} is {what}: only data can be explored; give "
-                    f'abstract={{"{machine.name}.{name}": function}} to replace it'
-                ) from None
+                raise _no_data(machine, name, error) from None
         if parts:
             self._check_apart(machine.name, parts)
         codes = self.variables[place]
         known = len(codes)
         code = codes.code((order, tuple(key)), None)
         if code == known:
-            kept: Variables = deepcopy(values) if parts else values, bool(parts)
+            if parts:
+                for name, value in values.items():
+                    try:
+                        values[name] = own_copy(value)
+                    except UnknownValueError as error:
+                        raise _no_data(machine, name, error) from None
+            kept: Variables = values, bool(parts)
             codes.values[code] = kept
         return code
 
@@ -482,6 +501,14 @@ class Ringlets(Control):
         for part in changing:
             if (owner := owners.setdefault(part, machine)) != machine:
                 raise UnsupportedError(f"{owner} and {machine} {text}: use a slot for that")
+
+
+def _no_data(machine: Machine, name: str, error: Exception) -> UnsupportedError:
+    what = error if isinstance(error, UnknownValueError) else "nested without end"
+    return UnsupportedError(
+        f"{machine.name}.{name} is {what}: only data can be explored; give "
+        f'abstract={{"{machine.name}.{name}": function}} to replace it'
+    )
 
 
 def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:

@@ -33,6 +33,7 @@ from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 from llfsm.runtime.verification.properties import defaults_of
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.whiteboard import Slot
 
 
@@ -78,6 +79,7 @@ class System:
         suspend: Iterable[str],
         by_rounds: bool,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Mapping[str, Callable[[Any], Any]],
     ):
         self.time_model = time_model
@@ -88,6 +90,7 @@ class System:
             members,
             watchers=watchers,
             unload_accepting=unload_accepting,
+            on_error=on_error,
             abstract=abstract,
             controlled=self.suspend,
         )

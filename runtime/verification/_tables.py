@@ -77,6 +77,10 @@ class Packing:
         same = ((self.all, 0),)
         return EffectTable(self.words, mask, lambda key: (1, same if holds(key) else ()))
 
+    def states(self, states: Iterable[int] = ()) -> States:
+        """Make a list of packed states."""
+        return States(self.words, states)
+
     def mask(self, names: Iterable[FieldName]) -> int:
         """Return the bits of those of the fields that exist."""
         fields = self.fields
@@ -157,6 +161,11 @@ class Tables:
         """Clears the choices for a round, when it is over; None if that is not needed."""
         self.intact = packing.filter(self.failed.mask, lambda key: not key)
         """A filter of states in which no code has raised."""
+        suspends = system.ringlets.kernel.on_error == "suspend"
+        self._sound = [
+            packing.filter(self.controls[n].mask, self._is_sound(n)) for n in places if suspends
+        ]
+        """For each machine, a filter: it was not suspended because its code has raised."""
         self.leavers = frozenset(system.leavers)
         """The machines that can leave the arrangement."""
         self.loaded = [packing.filter(self.controls[n].mask, self._is_loaded(n)) for n in places]
@@ -217,9 +226,16 @@ class Tables:
             for choice, contents, outcome in turns
         ]
 
-    def failing(self, states: States) -> States:
-        """List the states in which code has raised."""
+    def ended(self, states: States) -> States:
+        """List the states in which all has ended as code has raised."""
         return self.intact.split(states)[1] if self.failed.most else states[:0]
+
+    def failing(self, states: States) -> States:
+        """List those; if there are none, the states in which a machine was suspended for that."""
+        found = self.ended(states)
+        for sound in self._sound:
+            found = found or sound.split(states)[1]
+        return found
 
     def stopping(self, state: int) -> bool:
         """Check that a stop has come."""
@@ -360,6 +376,10 @@ class Tables:
                 system.names, system.ringlets.initial, strict=True
             )
         )
+
+    def _is_sound(self, place: int) -> Callable[[int], bool]:
+        codes, field = self.system.ringlets.controls[place], self.controls[place]
+        return lambda key: not codes.values[field.of(key)].failed
 
     def _is_loaded(self, place: int) -> Callable[[int], bool]:
         codes, field = self.system.ringlets.controls[place], self.controls[place]

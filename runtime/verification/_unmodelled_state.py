@@ -222,7 +222,7 @@ class UnmodelledState:
         look = _Look({os.path.dirname(file) for file in files if not file.startswith(_LLFSM)})
         for name, (cls, *values) in self._machines.items():
             look.machine = name
-            look.follow([cls, *map(type, values)])
+            look.follow([cls, *values])
         return look
 
 
@@ -272,6 +272,10 @@ class _Look:
                 yield from (value.__func__, getattr(value, "__self__", None))
             case _:
                 yield from (type(value), getattr(value, "__wrapped__", None))
+                if isinstance(value, dict | list | tuple | deque | set | frozenset):
+                    yield from _parts_of(value) or ()
+                elif self._is_own_data(value):
+                    yield from _attributes_of(value)
 
     def _named_in(self, function: FunctionType) -> Iterator[Any]:
         names, scope = names_in(function.__code__), function.__globals__

@@ -5,8 +5,8 @@ A property's function gets a `View` of a state, as in `v.Timer.minutes`, `v[MOTO
 all states that agree in the fields that it reads. A view shows wrong names as errors, also those of
 states, which are compared as texts: a misspelt name would make a property hold for no reason.
 
-A `Verdict` has the shortest way to a violation as a `Witness`: data from which
-`llfsm.runtime.counterexamples` makes scripts, tables and tests.
+A `Verdict` has a shortest way to a violation as a `Witness`, at any time a short one: data from
+which `llfsm.runtime.counterexamples` makes scripts, tables and tests.
 """
 
 from __future__ import annotations
@@ -216,10 +216,10 @@ class View:
 class MachineView:
     """A machine: its `state`, its variables, and what its sensors found in its last turn.
 
-    `suspended`, `accepted` and `loaded` are True or False. A state compares with names and with
-    `State` objects; a name that the machine's states do not have is an error. So is to look a state
-    up by its hash, but in a set of names that is written out, as in `v.Door.state in {"OPEN",
-    "SHUT"}`.
+    `suspended`, `accepted`, `loaded` and `has_failed` are True or False. A state compares with
+    names and with `State` objects; a name that the machine's states do not have is an error. So is
+    to look a state up by its hash, but in a set of names that is written out, as in
+    `v.Door.state in {"OPEN", "SHUT"}`.
     """
 
     def __init__(self, situation: Situation, name: str):
@@ -249,6 +249,11 @@ class MachineView:
         """True unless it has been unloaded."""
         return self._control("loaded").loaded
 
+    @property
+    def has_failed(self) -> bool:
+        """True if its code has raised, and it was not resumed since (``on_error="suspend"``)."""
+        return self._control("has_failed").failed
+
     def _control(self, asked: str) -> ControlState:
         table = type(self._situation.seats[self._name].machine).table
         if asked in table.variables or asked in table.sensors:
@@ -266,7 +271,15 @@ class MachineView:
         variables = self._situation.variables(self._name)
         if name in variables:
             return deepcopy(variables[name])
-        known = ["state", "suspended", "accepted", "loaded", *table.sensors, *variables]
+        known = [
+            "state",
+            "suspended",
+            "accepted",
+            "loaded",
+            "has_failed",
+            *table.sensors,
+            *variables,
+        ]
         raise PredicateError(
             f"{self._name} has no {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
         )
@@ -356,9 +369,9 @@ class Property(NamedTuple):
 class Verdict(NamedTuple):
     """The result for a property.
 
-    `holds` is None if the exploration ended before that was known. `witness` is the shortest way
-    to a violation or, for `reachable`, to a state that was to be reached. A `vacuous` property
-    holds only because its trigger never does.
+    `holds` is None if the exploration ended before that was known. `witness` is a shortest way
+    to a violation or, for `reachable`, to a state that was to be reached; a short one, if any time
+    may pass. A `vacuous` property holds only because its trigger never does.
     """
 
     property: Property
@@ -485,6 +498,12 @@ def monitor(
 
 NO_FAILURE: Final = Property("never", (), "no machine's code raises")
 """The property that is always checked."""
+
+
+def some_failed(view: View) -> bool:
+    """Check for a machine that was suspended because its code raised."""
+    situation = view._situation
+    return any(situation.control(name).failed for name in situation.seats)
 
 
 def _property(kind: Kind, name: str | None, *functions: Callable[..., bool]) -> Property:

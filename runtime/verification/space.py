@@ -100,6 +100,7 @@ class Space:
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
         self.unload_accepting = system.ringlets.kernel.unload_accepting
+        self.on_error = system.ringlets.kernel.on_error
         self.search = search
         """The states themselves, packed, and the turns from one to the next."""
         self._system = system

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import nullcontext, suppress
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, assume, given, reject, settings
@@ -69,16 +70,17 @@ def replays(space: Space, verdict: Verdict) -> None:
     assert verdict.witness is not None
     script = script_of(verdict.witness, space.slots)
     between_ms = between_of(verdict.witness)
+    how: Any = {"unload_accepting": space.unload_accepting, "on_error": space.on_error}
     with pytest.raises((InvariantError, ExecutionError)):
         play(
             space.members,
             script,
             invariant=holds(verdict.property, between_ms=between_ms),
-            unload_accepting=space.unload_accepting,
             to_end=bool(space.suspend),
+            **how,
         )
-    played, journal = journal_of(space.members, script, unload_accepting=space.unload_accepting)
-    alone = ScriptRun(space.members, unload_accepting=space.unload_accepting)
+    played, journal = journal_of(space.members, script, **how)
+    alone = ScriptRun(space.members, **how)
     for _ in alone.play(script):
         pass
     assert alone.arrangement.roster.standings() == played.arrangement.roster.standings()
@@ -88,11 +90,11 @@ def replays(space: Space, verdict: Verdict) -> None:
     with suppress(ExecutionError) if alone.error else nullcontext():
         assert dumped(replay(space, verdict.witness)[-1], names) == end
     again = Rerun(journal)
-    arrangement = again.arrange(unload_accepting=space.unload_accepting)
+    arrangement = again.arrange(**how)
     for member in space.members:
         member.load(arrangement)
     assert again.compare() is None
-    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    rows = rows_of(space.members, script, **how)
     turns = (*verdict.witness.turns, *verdict.witness.rest)
     assert [(row.round, row.machine) for row in rows] == [(t.round, t.machine) for t in turns]
     assert table_of(rows, len(rows) - 1).count("\n") >= bool(rows)
@@ -113,6 +115,7 @@ def test_every_counterexample_replays_in_every_way(situation: Situation, any_tim
             suspend=situation.may.suspend,
             choices="rounds" if situation.may.by_rounds else "turns",
             unload_accepting=situation.unload_accepting,
+            on_error=situation.on_error,
             max_states=1_000,
         )
     except UnsupportedError:

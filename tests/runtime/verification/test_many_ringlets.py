@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from llfsm.runtime import Machine, Sensor, State, define
-from llfsm.runtime.verification import Space, VerificationError, _tables, every, explore, never
+from llfsm.runtime.verification import (
+    Space,
+    VerificationError,
+    _memory,
+    _tables,
+    every,
+    explore,
+    never,
+)
 from llfsm.whiteboard import Message, Slot
 
 
@@ -68,8 +79,9 @@ def test_all_ringlets_are_run_again_if_there_are_few() -> None:
     assert space.repeated == space.ringlets == 4 * 102
 
 
-def test_what_seldom_does_something_else_is_in_the_sample() -> None:
-    """One ringlet of 5,000 fires a transition, and reads a clock."""
+@pytest.mark.parametrize("last", [3000, 4000, 5000])
+def test_what_seldom_does_something_else_is_in_the_sample(last: int) -> None:
+    """One ringlet of thousands fires a transition, and reads a clock."""
     counts, ends = State("COUNTS"), State("ENDS")
 
     @counts.internal
@@ -80,7 +92,7 @@ def test_what_seldom_does_something_else_is_in_the_sample() -> None:
     def leave(self: Any) -> None:
         self.n = min(0, time.monotonic_ns())
 
-    counts.to(ends, when=lambda self: self.n == 5000)
+    counts.to(ends, when=lambda self: self.n == last)
     machine = define("M", [counts, ends], variables={"n": (int, 0)})
     with pytest.raises(VerificationError, match="OnExit, calls monotonic_ns"):
         explore(machine, period_ms=10)
@@ -110,7 +122,7 @@ def test_many_small_counters_have_an_end() -> None:
 
 def test_an_exploration_ends_before_memory_does(monkeypatch: pytest.MonkeyPatch) -> None:
     where = "llfsm.runtime.verification._deciding."
-    monkeypatch.setattr(where + "_LOOK_S", 0.0)
+    monkeypatch.setattr(where + "LOOK_S", 0.0)
     looks = iter([False] * 300)
     monkeypatch.setattr(where + "is_memory_short", lambda: next(looks, True))
     space = explored(10**9, properties=[never(lambda v: v.Stepper.pos < 0)])
@@ -118,6 +130,77 @@ def test_an_exploration_ends_before_memory_does(monkeypatch: pytest.MonkeyPatch)
     assert space.verdicts[0].holds is None
     [hint] = space.hints()
     assert hint.startswith("Stepper.pos has had 301 values")
+
+
+UNDER_A_LIMIT = """
+import resource
+from pathlib import Path
+from llfsm.runtime import Machine, State
+from llfsm.runtime.verification import explore
+
+class Counter(Machine):
+    turns = State()
+    n: int = 0
+
+    @turns.internal
+    def _(self):
+        self.n += 1
+
+    turns.to(turns, when=lambda self: False)
+
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+limit = pages * resource.getpagesize() * 4 // 3 + (20 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+space = explore(Counter, period_ms=10)
+print(space.complete, space.short_of_memory, space.states > 1000)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, memory is not asked for")
+def test_an_exploration_ends_within_a_limit_of_its_process(tmp_path: Path) -> None:
+    file = tmp_path / "limited.py"
+    file.write_text(UNDER_A_LIMIT)
+    assert subprocess.check_output([sys.executable, file], text=True) == "False True True\n"
+
+
+GIB = 1 << 30
+UNLIMITED = {
+    "/proc/meminfo": "MemTotal: 16000 kB\nMemFree: 1 kB\nMemAvailable: 900 kB\n",
+    "/proc/self/statm": f"{2 * GIB // 4096} {GIB // 4096} 1 1 0 1 0\n",
+    "/sys/fs/cgroup/memory.max": "max\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("files", "limit", "short"),
+    [
+        ({}, -1, False),
+        ({"/proc/meminfo": "MemTotal: 16000 kB\nMemAvailable: 700 kB\n"}, -1, True),
+        ({"/proc/meminfo": None}, -1, False),
+        ({"/proc/self/statm": None}, -1, False),
+        ({"/sys/fs/cgroup/memory.max": f"{2 * GIB}\n"}, -1, False),
+        ({"/sys/fs/cgroup/memory.max": f"{GIB}\n"}, -1, True),
+        ({"/sys/fs/cgroup/memory/memory.limit_in_bytes": f"{GIB}\n"}, -1, True),
+        ({}, 3 * GIB, False),
+        ({}, 2 * GIB, True),
+    ],
+)
+def test_memory_is_short_of_a_host_a_group_or_a_process(
+    monkeypatch: pytest.MonkeyPatch, files: dict[str, str | None], limit: int, short: bool
+) -> None:
+    known = UNLIMITED | files
+
+    def read_text(path: Path) -> str:
+        text = known.get(str(path))
+        if text is None:
+            raise FileNotFoundError(path)
+        return text
+
+    monkeypatch.setattr(_memory.Path, "read_text", read_text)
+    monkeypatch.setattr(_memory.resource, "getpagesize", lambda: 4096)
+    monkeypatch.setattr(_memory.resource, "getrlimit", lambda _: (limit, limit))
+    monkeypatch.setattr(_memory.resource, "RLIM_INFINITY", -1)
+    assert _memory.is_memory_short() is short
 
 
 def test_memory_that_cannot_be_had_ends_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
