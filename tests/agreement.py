@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.verification import (
+    Region,
     UnsupportedError,
     always_possible,
     eventually_always,
@@ -127,12 +128,15 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     decided = [None if naive.fails and each else each for each in expected]
     assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
     for verdict, (_, of_naive) in zip(space.verdicts[-7::2], sought, strict=True):
-        hopeless = naive.hopeless(of_naive)
-        region = verdict.witness and verdict.witness.region
-        assert (region is None) is (not hopeless)
-        if region:
-            assert region.turns == _depth(naive, hopeless.__contains__)
-            assert region.states <= len(hopeless)
+        _assert_region(verdict.witness and verdict.witness.region, naive, of_naive)
+
+
+def _assert_region(region: Region | None, naive: Explored, goal: Naively) -> None:
+    hopeless = naive.hopeless(goal)
+    assert (region is None) is (not hopeless)
+    if region:
+        assert region.turns == _depth(naive, hopeless.__contains__)
+        assert region.states <= len(hopeless)
 
 
 def _depth(naive: Explored, sought: Callable[[Any], bool]) -> int | None:

@@ -108,8 +108,7 @@ def explore(
         abstract: for "Machine.variable", a function of its value whose result replaces the value
             after each turn.
         unload_accepting: as for `Arrangement`.
-        on_error: as for `Arrangement`. With "stop", all ends where code raises: what no way shows
-            is then undecided. With "suspend" the others go on.
+        on_error: as for `Arrangement`. With "stop", what no way shows is undecided if code raises.
         max_states: end the exploration at a level with as many states.
         max_seconds: end it after this time, once the ringlet under way is over.
         progress: called after each level, and within large ones; it ends the exploration by
