@@ -17,6 +17,7 @@ from llfsm.runtime.verification import (
     monitor,
     never,
     reachable,
+    step,
     verify,
 )
 from llfsm.whiteboard import Message, Slot
@@ -64,6 +65,31 @@ def test_a_machine_that_fails_is_suspended_and_the_others_go_on() -> None:
     failed = never(lambda v: v.Faulty.has_failed and not v.Faulty.suspended)
     assert holds(failed, on_error="suspend") is True
     assert holds(never(lambda v: v.Watch.has_failed), on_error="suspend") is True
+
+
+def test_who_failed_and_who_was_asked_to_wait_are_told_apart() -> None:
+    class Held(Machine):
+        seen = Sensor(IN, default=Bit(), domain=every(Bit))
+        A = State()
+        A.to(A, when=lambda self: self.seen.on and 1 // 0 > 0)
+
+    class Asker(Machine):
+        seen = Sensor(IN, default=Bit(), domain=every(Bit))
+        B, C = State(), State()
+        B.to(C, when=lambda self: self.seen.on)
+        C.on_entry(lambda self: self.suspend("Held"))
+        C.to(B, when=lambda self: False)
+
+    waits = step(
+        lambda before, after: (
+            not (before.Held.suspended and after.Held.suspended)
+            or before.Held.has_failed == after.Held.has_failed
+        )
+    )
+    assert holds(waits, (Held, Asker), on_error="suspend") is True
+    for failed in (False, True):
+        stays = reachable(lambda v, f=failed: v.Held.suspended and v.Held.has_failed is f)
+        assert holds(stays, (Held, Asker), on_error="suspend") is True
 
 
 def test_one_that_fails_while_it_is_suspended_is_unloaded() -> None:

@@ -129,7 +129,7 @@ def test_an_exploration_ends_before_memory_does(monkeypatch: pytest.MonkeyPatch)
     assert (space.complete, space.cut, space.short_of_memory) == (False, True, True)
     assert space.verdicts[0].holds is None
     [hint] = space.hints()
-    assert hint.startswith("Stepper.pos has had 301 values")
+    assert hint.startswith("Stepper.pos has had ")
 
 
 UNDER_A_LIMIT = """
