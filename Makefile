@@ -132,7 +132,8 @@ sanitize: sanitized
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/conformance \
-	    $(addprefix tests/runtime/engine/test_,clock.py twin.py resting.py failures.py loading.py watchdog.py)
+	    $(addprefix tests/runtime/engine/test_,clock.py twin.py resting.py failures.py loading.py watchdog.py) \
+	    tests/runtime/verification/test_packed_states.py
 
 # Alone: the same tests are part of `make test`, where times depend on what else runs.
 safety: $(VENV)/.ready-test
