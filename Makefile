@@ -110,7 +110,8 @@ check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p llfsm
-	$(BIN)/python -m mypy.stubtest llfsm.whiteboard._shm llfsm.runtime.engine._ringlet
+	$(BIN)/python -m mypy.stubtest llfsm.whiteboard._shm llfsm.runtime.engine._ringlet \
+	    llfsm.runtime.verification._states
 	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c \
 	    whiteboard/include/llfsm_whiteboard.h
 	$(CXX) -std=c++17 -O2 -Wall -Wextra -Wpedantic -Werror -fsyntax-only -x c++ \
@@ -131,7 +132,8 @@ sanitize: sanitized
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/conformance \
-	    $(addprefix tests/runtime/engine/test_,clock.py twin.py resting.py failures.py loading.py watchdog.py)
+	    $(addprefix tests/runtime/engine/test_,clock.py twin.py resting.py failures.py loading.py watchdog.py) \
+	    tests/runtime/verification/test_packed_states.py
 
 # Alone: the same tests are part of `make test`, where times depend on what else runs.
 safety: $(VENV)/.ready-test
@@ -144,8 +146,9 @@ sanitized: $(VENV)/.ready-test
 	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
 	    --no-build-isolation --disable-pip-version-check --target $(SANITIZED)/site .
 	$(UNDER_ASAN) $(BIN)/python -c \
-	    "from llfsm.runtime.engine import _ringlet; from llfsm.whiteboard import _shm; \
-	    assert all('$(SANITIZED)' in each.__file__ for each in (_ringlet, _shm))"
+	    "from llfsm.runtime.engine import _ringlet; from llfsm.runtime.verification import _states; \
+	    from llfsm.whiteboard import _shm; \
+	    assert all('$(SANITIZED)' in each.__file__ for each in (_ringlet, _states, _shm))"
 
 MINUTES ?= 20
 fuzz: sanitized
@@ -188,7 +191,8 @@ else
 	@$(INSTALL) --require-hashes -r $<
 	@$(INSTALL) --no-deps --no-build-isolation -e .
 endif
-	@$(BIN)/python -c 'import llfsm.whiteboard._shm, llfsm.runtime.engine._ringlet' || \
+	@$(BIN)/python -c 'import llfsm.whiteboard._shm, llfsm.runtime.engine._ringlet, \
+	    llfsm.runtime.verification._states' || \
 	    { echo "the extensions in C were not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
 	@touch $@
 

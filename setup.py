@@ -138,6 +138,7 @@ setup(
             "runtime/engine/_ringlet.c",
             depends=[f"runtime/engine/_{name}.h" for name in ("records", "timing", "rotation")],
         ),
+        extension("llfsm.runtime.verification._states", "runtime/verification/_states.c"),
     ]
     if BINARY
     else [],

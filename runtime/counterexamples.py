@@ -25,11 +25,21 @@ from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
 from llfsm.runtime.verification.environment import ControlState
-from llfsm.runtime.verification.properties import Property, View, Witness, defaults_of, evaluate
+from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
+    Property,
+    View,
+    Witness,
+    defaults_of,
+    evaluate,
+    on_a_screen,
+    some_failed,
+)
 from llfsm.runtime.verification.values import message_text
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.journal.entries import Entry
     from llfsm.runtime.verification.domains import Member
@@ -60,7 +70,7 @@ def script_of(witness: Witness, slots: Mapping[str, Slot[Any]]) -> list[Step]:
 
 
 def between_of(witness: Witness) -> tuple[float, float] | None:
-    """Return the `between_ms` of `holds`: a response due as a loop begins must come in it."""
+    """Return the `between_ms` of `holds`: the times between which a loop must not go on."""
     if witness.loop is None:
         return None
     return witness.turns[witness.loop].time_ms, witness.turns[-1].time_ms
@@ -110,7 +120,7 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     Return a view of the initial state, and one of the state after each turn. Raise
     `ExecutionError` for an error of a machine's code, as `Arrangement.round` does.
     """
-    run = ScriptRun(space.members, unload_accepting=space.unload_accepting)
+    run = ScriptRun(space.members, unload_accepting=space.unload_accepting, on_error=space.on_error)
     views = [view_of(run.scripted)]
     turn = False
 
@@ -177,7 +187,9 @@ def holds(prop: Property, *, between_ms: tuple[float, float] | None = None) -> H
     """Make an invariant for one `llfsm.runtime.testing.play`: that `prop` is not violated.
 
     Of a `leads_to` without a time of its own, a response due at the first time of `between_ms`, in
-    milliseconds, must have come by the second. A `reachable` is violated in no state.
+    milliseconds, must have come by the second; so must what is to be `always_possible`, if it was
+    not there before. What is to hold `eventually_always` must hold between them. All three are
+    violated if the machines end without. A `reachable` is violated in no state.
     """
     return Holds(prop, between_ms)
 
@@ -190,7 +202,8 @@ class Holds:
         self._property = prop
         self._from_ns, self._until_ns = (ms * 1e6 for ms in between_ms or (inf, inf))
         self._earlier: View | None = None
-        self._due_ns = inf  # since when a response is due
+        self._due_ns: dict[int, float] = {}
+        """Since when a response is due, by the number of those before it that have come."""
 
     def begin(self, arrangement: Arrangement) -> bool:
         """Check the initial state."""
@@ -205,28 +218,44 @@ class Holds:
         before, now = self._earlier, view_of(environment)
         self._earlier = now
         match prop.kind:
+            case "never" if prop is NO_FAILURE:
+                return not some_failed(now)
             case "never" if prop.functions:
                 return not evaluate(prop, prop.functions[0], now)
             case "always":
                 return evaluate(prop, prop.functions[0], now)
             case "step" if before is not None:
                 return evaluate(prop, prop.functions[0], before, now)
-            case "leads_to":
+            case "leads_to" | "always_possible":
                 answered = self._is_answered(now, environment.clock.now_ns())
-                return answered and not (arrangement.finished and self._due_ns < inf)
+                return answered and not (arrangement.finished and self._due_ns)
+            case "eventually_always" if not evaluate(prop, prop.functions[0], now):
+                in_loop = self._from_ns <= environment.clock.now_ns() <= self._until_ns
+                return not (in_loop or arrangement.finished)
         return True
 
     def _is_answered(self, now: View, now_ns: int) -> bool:
         """Check that no response is late."""
         prop = self._property
-        if prop.within_ms is not None and now_ns - self._due_ns > prop.within_ms * 1e6:
+        within_ns = inf if prop.within_ms is None else prop.within_ms * 1e6
+        if any(now_ns - since > within_ns for since in self._due_ns.values()):
             return False
-        trigger, response = prop.functions
-        if evaluate(prop, response, now):
-            self._due_ns = inf
-        elif self._due_ns == inf and evaluate(prop, trigger, now):
-            self._due_ns = now_ns
-        return not (self._due_ns <= self._from_ns and now_ns >= self._until_ns)
+        trigger, *responses = (
+            prop.functions if prop.kind == "leads_to" else (_always, *prop.functions)
+        )
+        if evaluate(prop, trigger, now):
+            self._due_ns.setdefault(0, now_ns)
+        for stage, response in enumerate(responses):
+            if stage in self._due_ns and evaluate(prop, response, now):
+                since = self._due_ns.pop(stage)
+                if stage + 1 < len(responses):
+                    self._due_ns[stage + 1] = min(since, self._due_ns.get(stage + 1, inf))
+        overdue = any(since <= self._from_ns for since in self._due_ns.values())
+        return not (overdue and now_ns >= self._until_ns)
+
+
+def _always(_: View) -> bool:
+    return True
 
 
 # Tables: a row for each turn
@@ -248,10 +277,14 @@ class TurnRow(NamedTuple):
 
 
 def rows_of(
-    members: Iterable[Member], script: Sequence[Step], *, unload_accepting: bool = True
+    members: Iterable[Member],
+    script: Sequence[Step],
+    *,
+    unload_accepting: bool = True,
+    on_error: OnError = "stop",
 ) -> list[TurnRow]:
     """Do a script, and list its turns."""
-    run, entries = journal_of(members, script, unload_accepting=unload_accepting)
+    run, entries = journal_of(members, script, unload_accepting=unload_accepting, on_error=on_error)
     slots = _slots_of(machine._seat for machine in run.scripted.machines.values())
     rows: list[TurnRow] = []
     turn: list[Entry] = []
@@ -268,36 +301,52 @@ def rows_of(
     return rows
 
 
-def table_of(rows: Sequence[TurnRow], marked: int | None = None) -> str:
+def table_of(rows: Sequence[TurnRow], marked: int | None = None, *, full: bool = True) -> str:
     """Write a table of the turns that are not quiet; `marked` is the number of one that is shown.
 
-    Rounds in which every turn is quiet are counted in one line.
+    Rounds are folded into one line while all machines do what they did in the round before, or
+    nothing new. Unless it is to be `full`, rows in the middle are left out that no screen has room
+    for.
     """
-    cells: list[tuple[str, ...]] = [_HEAD]
-    last = 0  # the round shown last
-    for number, row in enumerate(rows):
-        if row.quiet and number != marked:
-            continue
-        if row.round > last + 1:
-            cells.append(("", "", _quiet_rounds(row.round - last - 1)))
-        when = str(row.round), f"{row.time_ns / 1e6:.10g} ms"
-        when = ("", "") if row.round == last else when
-        last = row.round
-        cells.append((*when, row.machine, row.saw, row.did, row.posted))
-    if rows and rows[-1].round > last:
-        cells.append(("", "", _quiet_rounds(rows[-1].round - last)))
+    cells: list[tuple[str, ...]] = []
+    folded: list[int] = []
+    before: list[tuple[str, str, str, str]] = []
+    numbered = enumerate(rows)
+    for number, turns in groupby(numbered, key=lambda each: each[1].round):
+        shown = [row for n, row in turns if not row.quiet or n == marked]
+        news = [(row.machine, row.saw, row.did, row.posted) for row in shown]
+        last = marked is not None and number == rows[marked].round
+        if not news or (news == before and not last):
+            folded.append(number)
+        else:
+            cells += _folded(folded)
+            folded = []
+            cells += _round(shown)
+        before = news
+    cells += _folded(folded)
+    if not full:
+        cells = on_a_screen(cells, lambda left: (f"({left} more rows: --full, full=True)",))
+    cells.insert(0, _HEAD)
     table = [row for row in cells if len(row) == len(_HEAD)]
     widths = [max(len(row[column]) for row in table) for column in range(len(_HEAD))]
     lines = []
-    for line_cells in cells:
-        padded = zip(line_cells, widths, strict=False)
-        line = "  ".join(f"{cell:{width}}" for cell, width in padded)
-        lines.append(line.rstrip())
+    for texts in cells:
+        padded = zip(texts, widths, strict=False)
+        lines.append("  ".join(f"{text:{width}}" for text, width in padded).rstrip())
     return "\n".join(lines)
 
 
-def _quiet_rounds(number: int) -> str:
-    return f"({number} more round{'s' if number > 1 else ''} in which nothing new happens)"
+def _round(rows: Sequence[TurnRow]) -> Iterator[tuple[str, ...]]:
+    for number, row in enumerate(rows):
+        when = ("", "") if number else (str(row.round), f"{row.time_ns / 1e6:.10g} ms")
+        yield *when, row.machine, row.saw, row.did, row.posted
+
+
+def _folded(rounds: Sequence[int]) -> Iterator[tuple[str, ...]]:
+    if rounds:
+        first, last = rounds[0], rounds[-1]
+        which = f"round {first}" if first == last else f"rounds {first} to {last}"
+        yield (f"{which}: unchanged",)
 
 
 def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
@@ -345,6 +394,34 @@ def _message(name: str, entry: Entry, slots: Mapping[str, Slot[Any]]) -> str:
     return message_text(name, None if data is None else slots[entry["slot"]].decoder.decode(data))
 
 
+# Stories
+
+
+def story_of(space: Space, witness: Witness, *, full: bool = False) -> Iterator[str]:
+    """Tell a counterexample, a line each: the table of its turns, and how it goes on.
+
+    The table has the rows of a screen at most, unless it is to be `full`.
+    """
+    number = len(witness.turns)
+    if not number:
+        yield "in the initial state"
+    else:
+        script = script_of(witness, space.slots)
+        rows = rows_of(
+            space.members,
+            script,
+            unload_accepting=space.unload_accepting,
+            on_error=space.on_error,
+        )
+        table = table_of(rows[:number], number - 1, full=full)
+        yield f"after {number} turn{'s' if number != 1 else ''}:"
+        yield from table.splitlines()
+    if witness.loop is not None:
+        first = witness.turns[witness.loop].round
+        yield f"and so on for ever: all from round {first} on repeats"
+    yield from witness.end_lines()
+
+
 # Tests
 
 
@@ -362,6 +439,7 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
     machines = "".join(f"            {_machine(text, each, folder)},\n" for each in space.members)
     steps = "".join(f"            {text.step(step)},\n" for step in script_of(witness, space.slots))
     keep = "        unload_accepting=True,\n" if space.unload_accepting else ""
+    keep += "" if space.on_error == "stop" else f"        on_error={space.on_error!r},\n"
     keep += "        to_end=True,\n" if space.suspend else ""
     between, given = between_of(witness), name
     if between is not None:

@@ -29,6 +29,7 @@ import msgspec
 from llfsm.errors import did_you_mean, nearby_file
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
 from llfsm.runtime.engine.seat import numbered_names
@@ -113,7 +114,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     wake: bool = True
     period_us: Positive | None = None
     unload_accepting: bool = True
-    on_error: Literal["stop", "suspend"] = "stop"
+    on_error: OnError = "stop"
     watchdog_ms: Positive | None = None
     realtime: Annotated[int, msgspec.Meta(ge=1, le=99)] | None = None
     cpu: NotNegative | None = None

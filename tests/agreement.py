@@ -8,7 +8,17 @@ from typing import Any, NamedTuple
 from hypothesis import assume, event, reject
 from hypothesis import strategies as st
 
-from llfsm.runtime.verification import UnsupportedError, explore, leads_to, never, reachable
+from llfsm.runtime.engine.kernel import OnError
+from llfsm.runtime.verification import (
+    Region,
+    UnsupportedError,
+    always_possible,
+    eventually_always,
+    explore,
+    leads_to,
+    never,
+    reachable,
+)
 from llfsm.whiteboard.messages.std_msgs import Int32
 from naive_explorer import Explored, May, naively_explored
 from random_machines import LEFT, RIGHT, SHARED, built, specs
@@ -28,6 +38,7 @@ class Situation(NamedTuple):
     unload_accepting: bool
     period_ms: int
     may: May
+    on_error: OnError = "stop"
 
 
 situations = st.builds(
@@ -36,6 +47,7 @@ situations = st.builds(
     st.booleans(),
     st.sampled_from([5, 8, 10]),
     st.builds(May, st.booleans(), st.sets(st.just("A")), st.booleans()),
+    st.sampled_from(["stop", "suspend"]),
 )
 
 
@@ -45,6 +57,7 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     how: dict[str, Any] = {
         "period_ms": situation.period_ms,
         "unload_accepting": situation.unload_accepting,
+        "on_error": situation.on_error,
     }
     ours: dict[str, Any] = {
         "sensors": DOMAINS,
@@ -69,9 +82,14 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
         (lambda v: v[name].state == where, lambda view: view[f"{name}.state"] == where),
         (lambda v: v.A.n == 1, lambda view: view["A.n"] == 1),
         (lambda v: v[SHARED].data == 0, lambda view: view["shared"] == Int32(data=0)),
+        (lambda v: v[name].has_failed, lambda view: view[f"{name}.has_failed"]),
     ]
     safety = [kind(of_view) for of_view, _ in sought for kind in (never, reachable)]
-    depths = [_depth(naive, of_naive) for _, of_naive in sought for _ in range(2)]
+    depths = [
+        _depth(naive, lambda state, n=of_naive: n(naive.views[state]))
+        for _, of_naive in sought
+        for _ in range(2)
+    ]
 
     # Does whoever is not there come there, ever or in so many rounds?
     there, there_naively = sought[0]
@@ -81,7 +99,7 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     late += [naive.late(there_naively, rounds) for rounds in range(5)]
     expected = [not each for each in late]
 
-    (asks, asks_naively), _, (response, response_naively) = sought
+    (asks, asks_naively), _, (response, response_naively), _ = sought
     recurring = (lambda v: v.A.n == 1, lambda v: v[name].state == first)
     naively: tuple[Naively, ...] = (
         lambda view: view["A.n"] == 1,
@@ -92,18 +110,40 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     wrong = [naive.unanswered(response_naively, naively[:n]) for n in range(3)]
     expected += [asking.isdisjoint(each) for each in wrong]
 
+    answers.append(leads_to(asks, [there, response]))
+    in_turn = naive.unanswered_in_turn(there_naively, response_naively)
+    expected.append(asking.isdisjoint(in_turn))
+
+    # Does it stay so in the end, and can it always become so again?
+    for of_view, of_naive in sought:
+        answers += [eventually_always(of_view), always_possible(of_view)]
+        restless = naive.unanswered(lambda _: False, [lambda view, n=of_naive: not n(view)])
+        expected += [naive.first not in restless, not naive.hopeless(of_naive)]
+
     space = explore(machines, properties=[*safety, *answers], **ours, **how)
     for verdict, least in zip(space.verdicts, depths, strict=False):
-        assert verdict.holds is ((least is None) == (verdict.property.kind == "never"))
+        known = (least is None) == (verdict.property.kind == "never")
+        assert verdict.holds is (None if naive.fails and least is None else known)
         assert (verdict.witness and len(verdict.witness.turns)) == least
-    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == expected
+    decided = [None if naive.fails and each else each for each in expected]
+    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
+    for verdict, (_, of_naive) in zip(space.verdicts[-7::2], sought, strict=True):
+        _assert_region(verdict.witness and verdict.witness.region, naive, of_naive)
 
 
-def _depth(naive: Explored, holds: Naively) -> int | None:
-    """Return after how many turns a state that satisfies `holds` can be reached first."""
+def _assert_region(region: Region | None, naive: Explored, goal: Naively) -> None:
+    hopeless = naive.hopeless(goal)
+    assert (region is None) is (not hopeless)
+    if region:
+        assert region.turns == _depth(naive, hopeless.__contains__)
+        assert region.states <= len(hopeless)
+
+
+def _depth(naive: Explored, sought: Callable[[Any], bool]) -> int | None:
+    """Return after how many turns a state that is sought can be reached first."""
     level, known, turns = {naive.first}, {naive.first}, 0
     while level:
-        if any(holds(naive.views[state]) for state in level):
+        if any(sought(state) for state in level):
             return turns
         level = {after for state in level for after in naive.successors[state]} - known
         known |= level

@@ -12,6 +12,7 @@ from agreement import DOMAINS
 from llfsm.runtime import Arrangement, ExecutionError
 from llfsm.runtime.counterexamples import LiveSituation
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
 from llfsm.runtime.verification._predicates import PackedSituation
@@ -37,6 +38,7 @@ class Happenings(NamedTuple):
     unload_accepting: bool
     period_ms: int
     boundaries: list[Boundary]
+    on_error: OnError = "stop"
 
 
 _ASKED = st.sampled_from(["suspend", "suspend", "resume", "restart", "stop"])
@@ -50,12 +52,16 @@ happenings = st.builds(
     st.booleans(),
     st.sampled_from([5, 8, 10]),
     st.lists(_QUIET | _BUSY, min_size=4, max_size=30),
+    st.sampled_from(["stop", "suspend"]),
 )
 
 
 def assert_contained(happened: Happenings, *, most: int) -> None:
     """Run the machines, and follow in the explored states what they do; leave out large spaces."""
-    how: dict[str, Any] = {"unload_accepting": happened.unload_accepting}
+    how: dict[str, Any] = {
+        "unload_accepting": happened.unload_accepting,
+        "on_error": happened.on_error,
+    }
     try:
         space = explore(
             built(happened.machines),
@@ -82,12 +88,15 @@ class _Live:
     All boundaries are alike: before the first turn of a round, between two, and after the last.
     """
 
-    def __init__(self, happened: Happenings, space: Space, *, unload_accepting: bool):
+    def __init__(
+        self, happened: Happenings, space: Space, *, unload_accepting: bool, on_error: OnError
+    ):
         self.environment = ScriptedEnvironment()
         self.arrangement = Arrangement(
             built(happened.machines),
             environment=self.environment,
             unload_accepting=unload_accepting,
+            on_error=on_error,
             observers=[self.look],
         )
         self.search = space.search

@@ -15,13 +15,15 @@ from definition import Defined, DefinedKernel
 from llfsm.runtime import ExecutionError, Machine, ManualClock
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.seat import NEVER, Seat
+from llfsm.runtime.engine.seat import NEVER, Failure, Seat
 from llfsm.whiteboard import Slot, Whiteboard
 
 __all__ = ["Explored", "May", "naively_explored"]
 
 START_NS = 10**15  # more than any limit, so that no state is entered before time began
+FAILURE = Failure(ExecutionError("it has failed", "", "", "", None, None), 0)
 Domains = Mapping[Slot[Any], Iterable[Any]]
 Holds = Callable[[dict[str, Any]], bool]
 
@@ -85,6 +87,9 @@ class Explored(NamedTuple):
     ends: set[Any]
     """The states in which the execution may end."""
 
+    fails: bool
+    """True if it ends where code raises."""
+
     @property
     def first(self) -> Any:
         """The initial state."""
@@ -115,6 +120,18 @@ class Explored(NamedTuple):
             endless = left
         ends = {s for s in silent & self.ends if all(holds(self.views[s]) for holds in again)}
         return endless | ends | self._leading(endless | ends, silent)
+
+    def unanswered_in_turn(self, first: Holds, then: Holds) -> set[Any]:
+        """Return the states from which `first`, or after it `then`, need never come."""
+        never_then = self.unanswered(then)
+        stuck = {s for s in never_then if first(self.views[s])}
+        silent = {state for state, view in self.views.items() if not first(view)}
+        return self.unanswered(first) | stuck | self._leading(stuck, silent)
+
+    def hopeless(self, goal: Holds) -> set[Any]:
+        """Return the states from which no way leads to a goal."""
+        goals = {state for state, view in self.views.items() if goal(view)}
+        return self.views.keys() - goals - self._leading(goals, set(self.views))
 
     def _leading(self, goals: set[Any], within: set[Any]) -> set[Any]:
         """Return the states from which one turn or more leads to a goal, `within` some."""
@@ -156,12 +173,16 @@ _NOTHING = May()
 
 
 class _FailingKernel(DefinedKernel):
-    """A kernel that keeps what code has raised."""
+    """A kernel that keeps what code has raised, or suspends its machine without a word."""
 
     error = ""
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
-        self.error = str(error)
+        if self.on_error == "stop":
+            self.error = str(error)
+        else:
+            seat.fail(FAILURE)
+            self.set_aside(seat)
 
 
 class _Naive:
@@ -172,13 +193,17 @@ class _Naive:
         domains: Domains,
         kept: set[str],
         unload_accepting: bool,
+        on_error: OnError,
         may: May,
     ):
         self.may = may
         self.clock = ManualClock(START_NS)
         self.world = World(self.clock)
         self.arrangement = Defined(
-            machines, environment=self.world, unload_accepting=unload_accepting
+            machines,
+            environment=self.world,
+            unload_accepting=unload_accepting,
+            on_error=on_error,
         )
         self.arrangement.kernel.__class__ = _FailingKernel
         self.seats = list(self.arrangement.roster)
@@ -225,6 +250,7 @@ class _Naive:
                 seat.accepted,
                 seat.taken,
                 seat.entered_ns != NEVER,
+                seat.failure is not None,
                 elapsed,
                 pickle.dumps([(n, getattr(seat.machine, n)) for n in self._variables(seat)]),
             ))  # fmt: skip
@@ -242,7 +268,9 @@ class _Naive:
         self.arrangement.kernel.stopping = stopping
         now, roster = self.clock.now_ns(), self.arrangement.roster
         for seat, saved in zip(self.seats, machines, strict=True):
-            current, previous, remembered, request, accepted, taken, begun, elapsed, data = saved
+            current, previous, remembered, request, accepted, taken, *more = saved
+            begun, failed, elapsed, data = more
+            seat.failure = FAILURE if failed else None
             found = seat.states | {seat.suspension.name: seat.suspension}
             seat.current, seat.remembered = found[current], found[remembered]
             seat.previous = None if previous is None else found[previous]
@@ -264,6 +292,7 @@ class _Naive:
         view: dict[str, Any] = dict(self.world.cells)
         for seat in self.seats:
             view[f"{seat.name}.state"] = seat.current.name
+            view[f"{seat.name}.has_failed"] = seat.failure is not None
             for name in self._variables(seat):
                 view[f"{seat.name}.{name}"] = getattr(seat.machine, name)
         return view
@@ -303,7 +332,9 @@ class _Naive:
     def _goes_on(self) -> bool:
         """Return whether a round may begin: also if a request can have come just now."""
         stopping, asked = self.arrangement.kernel.stopping, self._asked()
-        return not self.arrangement.finished or any(s.suspended or not stopping for s in asked)
+        failed = any(seat.taken and seat.failure is not None for seat in self.seats)
+        asking = any(s.suspended or not stopping for s in asked)
+        return not self.arrangement.finished or asking or (failed and not stopping)
 
     def _may_end(self, turn: int) -> bool:
         """Return whether the execution may end where it is; one that is suspended may be held.
@@ -325,7 +356,7 @@ class _Naive:
 
     def run(self) -> Explored | None:
         first = self.save(0)
-        explored = Explored({}, {}, set())
+        explored = Explored({}, {}, set(), fails=False)
         waiting, known = [first], {first}
         for state in waiting:
             after = list(self.successors(state))
@@ -335,6 +366,7 @@ class _Naive:
             explored.views[state] = self.view()
             if self._may_end(state[0]):
                 explored.ends.add(state)
+            explored = explored._replace(fails=explored.fails or bool(state[-1]))
             explored.successors[state] = after
             new = [each for each in dict.fromkeys(after) if each not in known]
             known.update(new)
@@ -356,6 +388,7 @@ def naively_explored(
     domains: Domains,
     kept: Iterable[Slot[Any]] = (),
     unload_accepting: bool = True,
+    on_error: OnError = "stop",
     may: May = _NOTHING,
 ) -> Explored:
     """Explore all states; `kept` are slots that belong to them though no machine reads them.
@@ -367,7 +400,7 @@ def naively_explored(
     limits: dict[tuple[int, str], int] = {}
     while True:
         names = {slot.name for slot in kept}
-        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, may)
+        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, on_error, may)
         naive.limits.update(limits)
         explored = naive.run()
         if explored is not None:

@@ -47,6 +47,7 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.poller import BoardPoller, is_data
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.testing.play import Loading
     from llfsm.runtime.testing.scripted import Step
 
@@ -336,6 +337,7 @@ def record_script(
     plan: Any = None,
     folder: Path | None = None,
     unload_accepting: bool = True,
+    on_error: OnError = "stop",
 ) -> None:
     """Run `members` on a script, and write a recording of it.
 
@@ -354,7 +356,11 @@ def record_script(
         if plan is not None:
             journal.add(("Plan", plan, str(folder or Path.cwd())))
         run = ScriptRun(
-            members, unload_accepting=unload_accepting, journal=journal, start_ns=start_ns
+            members,
+            unload_accepting=unload_accepting,
+            on_error=on_error,
+            journal=journal,
+            start_ns=start_ns,
         )
         board = _ScriptRecorder(run, writer)
         for _ in run.play(board.paced(script)):

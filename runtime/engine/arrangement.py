@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 from threading import get_ident
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, ClassVar, Self, TypeVar, Unpack
 
 from llfsm.runtime.engine.clock import Clock
 from llfsm.runtime.engine.environment import BoardEnvironment, Environment
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.events import Observer, Reason, Status
 from llfsm.runtime.engine.execution import Execution, Pace
-from llfsm.runtime.engine.kernel import Control, Kernel, Library, Loadable, LoadOptions
+from llfsm.runtime.engine.kernel import (
+    Control,
+    Kernel,
+    Library,
+    Loadable,
+    LoadOptions,
+    OnError,
+)
 from llfsm.runtime.engine.machine import Machine, Submachine
 from llfsm.runtime.engine.realtime import check_real_time, stop_on_signals
 from llfsm.runtime.engine.schedule import Timetable
@@ -74,7 +81,7 @@ class Arrangement:
         timed: bool = False,
         unload_accepting: bool = True,
         library: Library | None = None,
-        on_error: Literal["stop", "suspend"] = "stop",
+        on_error: OnError = "stop",
         watchdog_ms: float | None = None,
         realtime: int | None = None,
         cpu: int | None = None,

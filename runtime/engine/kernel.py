@@ -55,6 +55,7 @@ Factory: TypeAlias = Callable[[], Machine]
 Library: TypeAlias = Mapping[str, Factory] | Callable[[str], Factory | None]
 """Where machines are found by name: a mapping, or a function that returns None for no machine."""
 Loadable: TypeAlias = str | type[Machine] | Machine
+OnError: TypeAlias = Literal["stop", "suspend"]  # all, or the machine whose code raised
 
 
 class LoadOptions(TypedDict, total=False):
@@ -207,7 +208,7 @@ class Kernel(Rotation[Seat]):
         timetable: Timetable | None = None,
         timed: bool = False,
         unload_accepting: bool = True,
-        on_error: Literal["stop", "suspend"] = "stop",
+        on_error: OnError = "stop",
     ):
         self.environment = environment
         self.roster = Roster()
@@ -422,13 +423,17 @@ class Kernel(Rotation[Seat]):
             self.end(Reason.FAILED)
             raise error
         logger().error("%s", error, exc_info=error)
+        self.set_aside(seat)
+        if self.observers:
+            self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
+
+    def set_aside(self, seat: Seat) -> None:
+        """Suspend a machine that has failed; unload it if it is suspended."""
         if seat.suspended:
             self._leaving.append(seat)
             self._let_go()
         else:
             seat.suspend()
-        if self.observers:
-            self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
     def _let_go(self) -> None:
         """Unload those that asked for it and whose ringlet is over."""

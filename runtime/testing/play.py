@@ -13,7 +13,7 @@ from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.errors import ExecutionError, ObserverError
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
-from llfsm.runtime.engine.kernel import Control, Factory
+from llfsm.runtime.engine.kernel import Control, Factory, OnError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
@@ -38,12 +38,14 @@ def play(
     *,
     invariant: Invariant,
     unload_accepting: bool = False,
+    on_error: OnError = "stop",
     to_end: bool = False,
 ) -> Arrangement:
     """Play `script` to new machines on a new board; check `invariant` after every ringlet.
 
     `machines` are classes, or functions that return machines. Accepting machines stay loaded, so
-    that the invariant can examine them, unless `unload_accepting`. When all machines accept or are
+    that the invariant can examine them, unless `unload_accepting`; `on_error` is as for
+    `Arrangement`. When all machines accept or are
     suspended, the rest of the script is skipped unless it is played `to_end`, as if others might
     still resume one. If `invariant` has a method `begin`, that is called before the first ringlet.
 
@@ -51,7 +53,9 @@ def play(
     invariant, `ExecutionError` for one of a machine's code, and `ScriptError` for a wrong script.
     """
     environment = ScriptedEnvironment()
-    arrangement = Arrangement(environment=environment, unload_accepting=unload_accepting)
+    arrangement = Arrangement(
+        environment=environment, unload_accepting=unload_accepting, on_error=on_error
+    )
     for each in factories(machines):
         if callable(each):
             arrangement.load(_make(each))
@@ -149,6 +153,7 @@ class ScriptRun:
         members: Iterable[Loading],
         *,
         unload_accepting: bool = True,
+        on_error: OnError = "stop",
         journal: Journal | None = None,
         start_ns: int = 0,
     ):
@@ -159,7 +164,9 @@ class ScriptRun:
         if journal is not None:
             environment = JournalledEnvironment(environment, journal)
             self.scripted.asking = journal.asking
-        self.arrangement = Arrangement(environment=environment, unload_accepting=unload_accepting)
+        self.arrangement = Arrangement(
+            environment=environment, unload_accepting=unload_accepting, on_error=on_error
+        )
         for member in members:
             member.load(self.arrangement.control)
 
@@ -172,12 +179,16 @@ class ScriptRun:
 
 
 def journal_of(
-    members: Iterable[Loading], script: Iterable[Step], *, unload_accepting: bool = True
+    members: Iterable[Loading],
+    script: Iterable[Step],
+    *,
+    unload_accepting: bool = True,
+    on_error: OnError = "stop",
 ) -> tuple[ScriptRun, list[Entry]]:
     """Do `script`, and return the run with the entries of its journal."""
     written: list[bytes] = []
     journal = Journal(written.append)
-    run = ScriptRun(members, unload_accepting=unload_accepting, journal=journal)
+    run = ScriptRun(members, unload_accepting=unload_accepting, on_error=on_error, journal=journal)
     for _ in run.play(script):
         pass
     journal.flush()

@@ -11,11 +11,12 @@
 
 Start at `exploring`. From the bottom up: `domains` and `values`; `environment` and `ringlets` (one
 ringlet from any control state), `time_model`, `system` (each ringlet once), `tables` (states as
-whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `deciding`;
-`unmodelled_state` and `space`.
+whole numbers), `packed_states` (many of them; its twin in C is `_states.c`),
+`breadth_first`; `properties`, `predicates`, `responses`, `zones`, `deciding`; `unmodelled_state`
+and `space`.
 """
 
-from llfsm.runtime.verification._exploring import explore, verify
+from llfsm.runtime.verification._exploring import ExploreOptions, explore, verify
 from llfsm.runtime.verification.domains import Member, every
 from llfsm.runtime.verification.errors import (
     DomainError,
@@ -29,10 +30,13 @@ from llfsm.runtime.verification.properties import (
     MachineView,
     Property,
     PropertyError,
+    Region,
     Verdict,
     View,
     Witness,
     always,
+    always_possible,
+    eventually_always,
     leads_to,
     monitor,
     never,
@@ -45,12 +49,14 @@ __all__ = [
     "NO_FAILURE",
     "ChosenTurn",
     "DomainError",
+    "ExploreOptions",
     "MachineView",
     "Member",
     "PredicateError",
     "Progress",
     "Property",
     "PropertyError",
+    "Region",
     "Space",
     "UnsupportedError",
     "Verdict",
@@ -58,6 +64,8 @@ __all__ = [
     "View",
     "Witness",
     "always",
+    "always_possible",
+    "eventually_always",
     "every",
     "explore",
     "leads_to",

@@ -4,7 +4,8 @@ A state is a whole number, and whose turn is next is kept beside it: each level 
 for each machine, and what was seen is a set for each. A level is expanded machine by machine, not
 state by state: the few steps of a round (drop what is settled, let time pass, choose for the round,
 find who is loaded, have the turn) each go over a list of states, with one look into a table for
-each. So the first way found to a state is a shortest one.
+each (`_packed_states`). So the first way found to a state is a shortest one. The states of a level
+are in the order in which they are found, whatever their bits.
 
 Of ways nothing is kept: a state's predecessor is searched for in the level before it, by halves.
 That costs less than to keep one with every state, as few ways are asked for.
@@ -18,11 +19,15 @@ from typing import NamedTuple, TypeAlias
 from llfsm.runtime.verification._ringlets import ENDINGS
 from llfsm.runtime.verification._system import Choice, RelearnError, System
 from llfsm.runtime.verification._tables import FieldName, Tables
+from llfsm.runtime.verification._twin import Seen, States
 
-Level: TypeAlias = dict[int, list[int]]
+Level: TypeAlias = dict[int, States]
 """States by the place of the machine whose turn is next; 0 is also the beginning of a round."""
-STATES_AT_ONCE = 50_000
-"""States of a level that are expanded without asking whether to go on."""
+STATES_AT_ONCE = 4_096
+"""States of a level that are expanded without asking whether to go on.
+
+They are so few that what comes of them stays in the processor's cache.
+"""
 
 
 class Successor(NamedTuple):
@@ -48,18 +53,21 @@ class Search:
         self.transitions = 0
         self.interrupted = False
         """True if it has ended within a level, such as by Ctrl-C."""
+        self.out_of_memory = False
+        """True if that was because memory was used up."""
         self.levels: list[Level] = []
-        self._last = len(tables.system.names) - 1
-        self._seen: list[set[int]] = [set() for _ in tables.system.names]
-
-    @property
-    def states(self) -> int:
+        self.states = 0
         """The number of states."""
-        return sum(map(len, self._seen))
+        self._sizes: list[tuple[int, tuple[int, ...]]] = []
+        """The states and, by `System.sizes`, the values, whenever there were twice as many."""
+        self._last = len(tables.system.names) - 1
+        self._seen = [Seen(tables.packing.words) for _ in tables.system.names]
 
     def begin(self) -> Level:
         """Add and return the first level: the initial state."""
-        return self._add({0: {self.tables.initial()}})
+        level: Level = {}
+        self._note_new(level, 0, self.tables.packing.states([self.tables.initial()]))
+        return self._add(level)
 
     def go_on(self, goes_on: Callable[[Search], bool]) -> Level:
         """Add and return the next level: the new states one turn after the last; {} at the end.
@@ -67,7 +75,7 @@ class Search:
         Of a large level, `goes_on` is asked again and again whether to finish it.
         """
         transitions = 0
-        after: dict[int, set[int]] = {}
+        level: Level = {}
         for turn, states in self.levels[-1].items():
             for start in range(0, len(states), STATES_AT_ONCE):
                 if start and not goes_on(self):
@@ -75,93 +83,90 @@ class Search:
                     return {}
                 more, found = self._expand(turn, states[start : start + STATES_AT_ONCE])
                 transitions += more
-                for next_turn, each in found.items():
-                    after.setdefault(next_turn, each).update(each)
+                for next_turn, each in found:
+                    self._note_new(level, next_turn, each)
         self.transitions += transitions
-        return self._add(after)
+        return self._add({turn: each for turn, each in level.items() if len(each)})
 
-    def _expand(self, turn: int, states: list[int]) -> tuple[int, dict[int, set[int]]]:
-        """Count the transitions of states, and find the states after them by whose turn it is."""
+    def _expand(self, turn: int, states: States) -> tuple[int, list[tuple[int, States]]]:
+        """Count the transitions of states, and list the states after them by whose turn it is."""
         transitions = 0
-        after: dict[int, set[int]] = {}
+        after: list[tuple[int, States]] = []
         for place, group in self._ready(turn, states):
-            table, mask = self.tables.turns[place], self.tables.masks[place]
-            found = {s & keep | put for s in group for keep, put in table[s & mask]}
-            transitions += self.tables.number_of_choices(place, group)
-            for next_turn, each in self._to_turns(place, found):
-                after[next_turn] = after[next_turn] | each if next_turn in after else each
+            found, more = self.tables.turns[place].apply(group)
+            transitions += more
+            after += self._to_turns(place, found)
         return transitions, after
 
-    def _add(self, found: dict[int, set[int]]) -> Level:
-        level: Level = {}
-        for turn, states in found.items():
-            seen = self._seen[turn]
-            states -= seen
-            if states:
-                seen |= states
-                level[turn] = list(states)
+    def _note_new(self, level: Level, turn: int, states: States) -> None:
+        """Add those of some states to a level that are new."""
+        if turn not in level:
+            level[turn] = self.tables.packing.states()
+        self._seen[turn].add(states, level[turn])
+
+    def _add(self, level: Level) -> Level:
         if level:
             self.levels.append(level)
+            self.states += sum(map(len, level.values()))
+            if not self._sizes or self.states >= 2 * self._sizes[-1][0]:
+                self._sizes.append((self.states, self.tables.system.sizes()))
         return level
 
-    def pairs(self, turn: int, states: list[int]) -> list[tuple[int, int]]:
+    def half(self) -> tuple[int, tuple[int, ...]]:
+        """Return a number of states, half of all or less, and `System.sizes` of that moment."""
+        return next(then for then in self._sizes[::-1] if 2 * then[0] <= self.states + 1)
+
+    def pairs(self, turn: int, states: States) -> list[tuple[int, int]]:
         """List the states before and after each ringlet in one turn from `states`."""
         pairs = []
         for place, group in self._ready(turn, states):
-            table, mask = self.tables.turns[place], self.tables.masks[place]
-            pairs += [(s, s & keep | put) for s in group for keep, put in table[s & mask]]
+            effects = self.tables.turns[place].effects
+            pairs += [(s, s & keep | put) for s in group for keep, put in effects(s)]
         return pairs
 
-    def _ready(self, turn: int, states: list[int]) -> Iterator[tuple[int, list[int]]]:
+    def _ready(self, turn: int, states: States) -> Iterator[tuple[int, States]]:
         """Yield each machine whose ringlet begins in some states, with these states."""
-        if failed := self.tables.failed.mask:
-            states = [s for s in states if not s & failed]
-        if turn == 0:
-            states = self._begin_round(states)
-        yield from self._by_machine(turn, states)
+        if self.tables.failed.most:
+            states, _ = self.tables.intact.split(states)
+        for group in self._begin_round(states) if turn == 0 else (states,):
+            yield from self._by_machine(turn, group)
 
-    def _begin_round(self, states: list[int]) -> list[int]:
+    def _begin_round(self, states: States) -> Iterator[States]:
+        """Drop states in which no machine can keep the execution alive; start rounds in others."""
         tables = self.tables
-        over = states
-        for mask, settled in tables.settled:
-            over = [s for s in over if settled[s & mask]]
-        if over:
-            gone = set(over)
-            states = [s for s in states if s not in gone]
-        for mask, ticks in tables.ticks:
-            states = [s + passed for s in states for passed in ticks[s & mask]]
-        if tables.rounds:
-            states = [s & keep | put for s in states for keep, put in tables.rounds]
-        return states
+        for settled in tables.settled:
+            states, begun = settled.split(states)
+            if len(begun):
+                for ticks in tables.ticks:
+                    begun, _ = ticks.apply(begun)
+                yield begun if tables.rounds is None else tables.rounds.apply(begun)[0]
+            if not len(states):
+                return
 
-    def _by_machine(self, turn: int, states: list[int]) -> Iterator[tuple[int, list[int]]]:
+    def _by_machine(self, turn: int, states: States) -> Iterator[tuple[int, States]]:
         """Give states to the first machine from `turn` on that is loaded; others are dropped."""
         for place in range(turn, self._last + 1):
             if place not in self.tables.leavers:
-                if states:
+                if len(states):
                     yield place, states
                 return
-            mask, loaded = self.tables.loaded[place]
-            here = [s for s in states if loaded[s & mask]]
-            if here:
+            here, states = self.tables.loaded[place].split(states)
+            if len(here):
                 yield place, here
-                states = [s for s in states if not loaded[s & mask]]
 
-    def _to_turns(self, place: int, states: set[int]) -> Iterator[tuple[int, set[int]]]:
+    def _to_turns(self, place: int, states: States) -> Iterator[tuple[int, States]]:
         """Sort states after a machine's turn by whose turn is next."""
-        if self.tables.leavers:
-            for turn, group in self._by_machine(place + 1, list(states)):
-                each = set(group)
-                states = states - each
-                yield turn, each
-        elif place < self._last:
-            yield place + 1, states
-            return
-        if states:
-            if self.tables.forgotten:
-                kept = self.tables.packing.all & ~self.tables.forgotten
-                states = {s & kept for s in states}
-            yield 0, states
+        for after in range(place + 1, self._last + 1):
+            if after not in self.tables.leavers:
+                if len(states):
+                    yield after, states
+                return
+            here, states = self.tables.loaded[after].split(states)
+            if len(here):
+                yield after, here
+        if len(states):
+            forgotten = self.tables.forgotten
+            yield 0, states if forgotten is None else forgotten.apply(states)[0]
 
     # One state at a time
 
@@ -171,8 +176,8 @@ class Search:
         Raise `TimeUpError` after the deadline.
         """
         self.tables.system.ringlets.deadline.check()
-        _, found = self._expand(turn, [state])
-        return [(next_turn, s) for next_turn, each in found.items() for s in each]
+        _, found = self._expand(turn, self.tables.packing.states([state]))
+        return list(dict.fromkeys((next_turn, s) for next_turn, each in found for s in each))
 
     def step_between(self, before: tuple[int, int], after: tuple[int, int]) -> Successor:
         """Find a turn that leads from one state to another; there must be one."""
@@ -182,13 +187,16 @@ class Search:
         """List all possible turns from a state."""
         tables = self.tables
         contents = list(tables.system.contents(sorted(tables.system.domains)))
-        for place, group in self._ready(turn, [state]):
+        for place, group in self._ready(turn, self.tables.packing.states([state])):
             for number, ready in enumerate(group):
-                begins = turn == 0 and tables.rounds
+                begins = turn == 0 and tables.rounds is not None
                 chosen = contents[number % len(contents)] if begins else ()
                 for choice, outcome, (keep, put) in tables.choices(place, ready):
-                    for next_turn, (after,) in self._to_turns(place, {ready & keep | put}):
-                        restarted = outcome.restarted
+                    restarted, found = (
+                        outcome.restarted,
+                        self.tables.packing.states([ready & keep | put]),
+                    )
+                    for next_turn, (after,) in self._to_turns(place, found):
                         yield Successor(place, chosen, choice, ready, restarted, next_turn, after)
 
     def path(self, turn: int, state: int) -> list[Successor]:
@@ -214,14 +222,22 @@ class Search:
     def _step_before(self, level: Level, turn: int, state: int) -> tuple[int, int, Successor]:
         """Find a state of a level that leads to another one, and the turn, by halving the level."""
         for before, states in level.items():
-            if state not in self._expand(before, states)[1].get(turn, ()):
+            if not self._leads(before, states, turn, state):
                 continue
             while len(states) > 1:
                 half = states[: len(states) // 2]
-                found = state in self._expand(before, half)[1].get(turn, ())
-                states = half if found else states[len(half) :]
+                leads = self._leads(before, half, turn, state)
+                states = half if leads else states[len(half) :]
             return before, states[0], self.step_between((before, states[0]), (turn, state))
         raise AssertionError("a state was found that no turn leads to")
+
+    def _leads(self, before: int, states: States, turn: int, state: int) -> bool:
+        """Check that one turn leads from one of some states to another one."""
+        return any(
+            next_turn == turn and state in each
+            for start in range(0, len(states), STATES_AT_ONCE)
+            for next_turn, each in self._expand(before, states[start : start + STATES_AT_ONCE])[1]
+        )
 
 
 def search_states(
@@ -235,7 +251,8 @@ def search_states(
 
     `look` is called with each level, and ends the search by returning False, as `goes_on` does
     within a level; `restart` with the tables of each attempt, before. `look` and `restart` may
-    raise `RelearnError` after adding to `named`. Ctrl-C and the deadline end the search, too.
+    raise `RelearnError` after adding to `named`. Ctrl-C, the deadline and a lack of memory end the
+    search, too.
     """
     sizes: dict[FieldName, int] = {}
     while True:
@@ -247,8 +264,9 @@ def search_states(
                 level = search.begin()
                 while level and look(search, level):
                     level = search.go_on(goes_on)
-            except ENDINGS:
+            except (*ENDINGS, MemoryError) as error:
                 search.interrupted = True
+                search.out_of_memory = isinstance(error, MemoryError)
             return search
         except RelearnError:
             continue

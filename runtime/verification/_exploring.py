@@ -10,15 +10,17 @@ difference. What keeps this fast is that the machines' code is run only for dist
 3. `breadth_first` finds all states by levels; `predicates` and `deciding` check the properties of
    each level, and `responses` those of liveness at the end.
 4. All this is right only if a ringlet does the same whenever it is given the same. So at the end
-   `unmodelled_state` runs every kept one again, and looks for state that is kept elsewhere.
+   `unmodelled_state` runs them again, of many a sample, and looks for state that is kept elsewhere.
 """
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import chain
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
 
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.verification._breadth_first import search_states
@@ -29,12 +31,41 @@ from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
 from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
+from llfsm.runtime.verification.properties import (
+    NO_FAILURE,
+    Property,
+    PropertyError,
+    Verdict,
+    on_a_screen,
+)
 from llfsm.runtime.verification.space import Progress, Space
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.kernel import Factory
+    from llfsm.runtime.engine.kernel import Factory, OnError
     from llfsm.whiteboard import Slot
+
+_YOUNG = 50_000
+"""Objects that are made before garbage is looked for among them."""
+
+
+Choices: TypeAlias = Literal["turns", "rounds"]
+
+
+class ExploreOptions(TypedDict, total=False):
+    """The options of `explore`, which says what they do; those of `verify` are the same."""
+
+    period_ms: float | None
+    any_time: bool
+    sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
+    stop: bool
+    suspend: Iterable[str]
+    choices: Choices
+    abstract: Mapping[str, Callable[[Any], Any]] | None
+    unload_accepting: bool
+    on_error: OnError
+    max_states: int | None
+    max_seconds: float | None
+    progress: Callable[[Progress], object] | None
 
 
 def explore(
@@ -46,9 +77,10 @@ def explore(
     properties: Iterable[Property] = (),
     stop: bool = False,
     suspend: Iterable[str] = (),
-    choices: Literal["turns", "rounds"] = "turns",
+    choices: Choices = "turns",
     abstract: Mapping[str, Callable[[Any], Any]] | None = None,
     unload_accepting: bool = True,
+    on_error: OnError = "stop",
     max_states: int | None = None,
     max_seconds: float | None = None,
     progress: Callable[[Progress], object] | None = None,
@@ -56,13 +88,15 @@ def explore(
     """Find all states that the machines can reach, and return the space with the verdicts.
 
     The exploration ends early once every property is decided, if there are any; by `max_states` or
-    `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
+    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their
+    turns.
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
         period_ms: the time from one round to the next, in milliseconds; each takes exactly that.
-        any_time: let any time, also none, pass before each round instead. `leads_to` needs a
-            period: if no time need pass, what waits for it need never come.
+        any_time: let any time, also none, pass before each round instead. `leads_to` without
+            `within_ms` and `eventually_always` need a period: if no time need pass, what waits for
+            it need never come.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
             the domains that sensors declare. A slot to which a machine posts can have none, and a
@@ -74,6 +108,7 @@ def explore(
         abstract: for "Machine.variable", a function of its value whose result replaces the value
             after each turn.
         unload_accepting: as for `Arrangement`.
+        on_error: as for `Arrangement`. With "stop", what no way shows is undecided if code raises.
         max_states: end the exploration at a level with as many states.
         max_seconds: end it after this time, once the ringlet under way is over.
         progress: called after each level, and within large ones; it ends the exploration by
@@ -88,6 +123,8 @@ def explore(
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
     members = (*members_of(machines), *map(Member, watching))
     time_model = _time_model(period_ms, asked, any_time=any_time)
+    if on_error not in ("stop", "suspend"):
+        raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
         raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
     system = System(
@@ -99,6 +136,7 @@ def explore(
         suspend=[suspend] if isinstance(suspend, str) else suspend,
         by_rounds=choices == "rounds",
         unload_accepting=unload_accepting,
+        on_error=on_error,
         abstract=abstract or {},
     )
     for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
@@ -115,16 +153,19 @@ def explore(
 def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
     """Find all states, check that nothing was left out of them, and decide the properties."""
     unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
-    search = search_states(
-        system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
-    )
-    ringlets = system.ringlets.executed
+    with _seldom_collected():
+        search = search_states(
+            system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
+        )
+    ringlets, repeated = system.ringlets.executed, 0
     if search.interrupted:
         decisions.end()
     else:
         unmodelled.check()
         try:
-            check_determinism(system.ringlets, system.kept())
+            sample, is_whole = system.sample()
+            check_determinism(system.ringlets, iter(sample))
+            repeated = ringlets if is_whole else len(sample)
         except ENDINGS:
             decisions.end()
     verdicts = tuple(decisions.verdicts(search))
@@ -135,37 +176,60 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
         verdicts,
         decisions.seconds,
         ringlets=ringlets,
+        repeated=repeated,
         complete=decisions.complete,
         cut=decisions.cut,
+        short_of_memory=decisions.short_of_memory or search.out_of_memory,
     )
+
+
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Let garbage be looked for less often: what is kept is no garbage, and much is made."""
+    young, *older = gc.get_threshold()
+    gc.set_threshold(young and max(young, _YOUNG), *older)
+    try:
+        yield
+    finally:
+        gc.set_threshold(young, *older)
 
 
 def verify(
     machines: Factory | Iterable[Factory | Member],
-    *properties: Property,
-    **how: Any,
+    *asked: Property,
+    properties: Iterable[Property] = (),
+    **how: Unpack[ExploreOptions],
 ) -> Space:
     """Explore as `explore` does, and raise `PropertyError` unless all properties hold.
 
-    That no machine's code raises is one of them. A property that is undecided does not hold.
+    They are given one after the other, or as `properties`. That no machine's code raises is one of
+    them. A property that is undecided does not hold.
     """
-    space = explore(machines, properties=(NO_FAILURE, *properties), **how)
+    given = [NO_FAILURE, *asked, *_check_properties(properties)]
+    space = explore(machines, properties=given, **how)
     wrong = [verdict for verdict in space.verdicts if not verdict.holds]
     if wrong:
         hints = () if space.complete else space.hints()
-        raise PropertyError("\n".join(chain(*map(_lines, wrong), hints)), space.verdicts)
+        why = (
+            "as code raises, and all ends there"
+            if space.complete
+            else "as not all states were found"
+        )
+        lines = chain(*(_lines(verdict, why) for verdict in wrong), hints)
+        raise PropertyError("\n".join(lines), space.verdicts)
     return space
 
 
-def _lines(verdict: Verdict) -> Iterator[str]:
+def _lines(verdict: Verdict, why: str) -> Iterator[str]:
     witness = verdict.witness
     if verdict.holds is None:
-        yield f"{verdict.property}: undecided, as not all states were found"
+        yield f"{verdict.property}: undecided, {why}"
     elif witness is None:
         yield f"{verdict.property}: violated"
     else:
         yield f"{verdict.property}: violated after {len(witness.turns)} turns"
-        yield from (f"  {line}" for line in witness.lines())
+        lines = on_a_screen([*witness.lines()], lambda left: f"({left} more lines)")
+        yield from (f"  {line}" for line in lines)
 
 
 def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:
@@ -173,10 +237,11 @@ def _time_model(period_ms: float | None, asked: list[Property], *, any_time: boo
         raise OptionError("give period_ms, or any_time=True")
     if period_ms is None:
         for prop in asked:
-            if prop.kind == "leads_to":
+            if prop.within_ms is None and prop.kind in ("leads_to", "eventually_always"):
                 raise OptionError(
-                    f"{prop}: leads_to needs a period (period_ms), as any time may be none at all, "
-                    f"and then nothing need follow; decide it by itself, and the rest at any time"
+                    f"{prop}: {prop.kind} needs a period (period_ms), as any time may be none at "
+                    f"all, and then nothing need follow; decide it by itself, and the rest at any "
+                    f"time"
                 )
         return AnyTime()
     if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:

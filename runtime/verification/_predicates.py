@@ -8,11 +8,13 @@ state, because no machine's turn depends on it, the exploration begins again wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime.verification._system import RelearnError
 from llfsm.runtime.verification._tables import FieldName, Tables
+from llfsm.runtime.verification._twin import States
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.errors import PredicateError
 from llfsm.runtime.verification.properties import Property, View, evaluate
@@ -71,6 +73,10 @@ class UnnamedFieldError(BaseException):
     """A property reads a field that states lack; no `except Exception` of its may catch it."""
 
 
+class _HasGrownError(Exception):
+    """A function has read a field that keys lacked; now they have it, and nothing is known."""
+
+
 class Checker:
     """Find the states, or turns, for which a property's function returns `sought`."""
 
@@ -79,61 +85,59 @@ class Checker:
         self._function = function
         self._sought = sought
         self._used: set[FieldName] = set()
-        self._found: set[Hashable] = set()  # the combinations that are sought
-        self._others: set[Hashable] = set()  # those that were looked at and are not
+        self._named: set[FieldName] = set()
 
     def restart(self, tables: Tables) -> None:
         """Begin again, with other tables."""
         self._tables = tables
         self._use(tables.packing.mask(self._used))
 
-    def select(self, states: Iterable[int], named: set[FieldName]) -> list[int]:
+    def select(self, states: Iterable[int], named: set[FieldName]) -> States:
         """List the states that are sought; add fields that states lack to `named`."""
-        while not self._look({s & self._mask for s in states}, named):
-            pass
-        if not self._found:
-            return []
-        mask, found = self._mask, self._found
-        return [s for s in states if s & mask in found]
+        self._named = named
+        if not isinstance(states, States):
+            states = self._tables.packing.states(states)
+        while True:
+            with suppress(_HasGrownError):
+                return self._states.split(states)[0]
 
     def select_pairs(
         self, pairs: Iterable[tuple[int, int]], named: set[FieldName]
     ) -> list[tuple[int, int]]:
         """List the turns that are sought, by the states before and after them."""
-        while not self._look({(s & self._mask, t & self._mask) for s, t in pairs}, named):
-            pass
-        if not self._found:
-            return []
-        mask, found = self._mask, self._found
-        return [(s, t) for s, t in pairs if (s & mask, t & mask) in found]
+        self._named = named
+        while True:
+            with suppress(_HasGrownError):
+                return [pair for pair in pairs if self._is_sought_pair(*pair)]
 
     def _use(self, mask: int) -> None:
         self._mask = mask
-        self._found, self._others = set(), set()
+        self._states = self._tables.packing.filter(mask, self._is_sought)
+        self._pairs: dict[tuple[int, int], bool] = {}
 
-    def _has_grown(self) -> bool:
+    def _is_sought_pair(self, before: int, after: int) -> bool:
+        key = before & self._mask, after & self._mask
+        if key not in self._pairs:
+            self._pairs[key] = self._is_sought(*key)
+        return self._pairs[key]
+
+    def _is_sought(self, *key: int) -> bool:
+        """Evaluate the function; raise `_HasGrownError` if the key lacks a field that it reads."""
+        views = [View(PackedSituation(self._tables, s, self._used)) for s in key]
+        try:
+            value = evaluate(self._property, self._function, *views)
+        except UnnamedFieldError:
+            self._named.update(self._used - self._tables.fields.keys())
+            raise RelearnError from None
+        except PredicateError:
+            self._check_key()  # without a field, that may be no state: the other fields are 0
+            raise
+        self._check_key()
+        return value is self._sought
+
+    def _check_key(self) -> None:
         """Begin again if the function has read more fields than keys have."""
         mask = self._tables.packing.mask(self._used)
-        grown = mask != self._mask
-        if grown:
+        if mask != self._mask:
             self._use(mask)
-        return grown
-
-    def _look(self, keys: set[Any], named: set[FieldName]) -> bool:
-        """Evaluate the function for new keys; return False if they lack a field that it reads."""
-        for key in keys - self._others - self._found:
-            each = (key,) if isinstance(key, int) else key
-            views = [View(PackedSituation(self._tables, s, self._used)) for s in each]
-            try:
-                value = evaluate(self._property, self._function, *views)
-            except UnnamedFieldError:
-                named.update(self._used - self._tables.fields.keys())
-                raise RelearnError from None
-            except PredicateError:
-                if not self._has_grown():  # else that may be no state: the other fields are 0
-                    raise
-                return False
-            if self._has_grown():
-                return False
-            (self._found if value is self._sought else self._others).add(key)
-        return True
+            raise _HasGrownError from None

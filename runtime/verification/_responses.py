@@ -1,176 +1,64 @@
-"""Executions: those in which a response never comes or comes too late, and those possible in time.
+"""What must come and what must stay possible: lassos without responses, regions with no way out.
 
 *Liveness* (`late_response`, `no_response`). From the states in which a response is due, the search
 goes on without those that respond. With a time limit, a way on which too many rounds begin violates
 the property. Without one, a cycle does, or an end of the execution. Cycles are in the strongly
 connected components of the graph (Tarjan 1972); assumptions are fairness: a component counts if it
 has a state for each (the acceptance of a generalized Büchi automaton). The counterexample is a
-*lasso*: a way to a state and a cycle back to it, both short.
+*lasso*: a way to a state and a cycle back to it, both short. What must follow may be several
+responses, one after the other: the number of those that have come is the *stage*, and the search is
+one of states with their stages. That something holds for ever from some point on is the same
+search: for a cycle in which it fails again and again, from the initial state.
 
-*Clocks* (`times_of`, `possible_way`). With any time between rounds, the exploration lets the clocks
-of several machines pass their limits independently, so a way that it finds may need a clock that
-runs faster than another. Here all clocks run alike: for one way by difference constraints, and for
-all ways by zones, which are sets of such constraints, as for timed automata (Dill 1989).
+*Possibility* (`no_way_out`). The states from which some way leads to a goal are found backwards
+from the goals. All others are regions without a way out: what follows one of them is another one.
+The nearest is the counterexample; there, too, every execution has a cycle or an end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain, repeat
-from math import inf
+from array import array
+from collections.abc import Callable, Iterable, Sequence
+from itertools import accumulate, chain, repeat
 from typing import NamedTuple, TypeAlias
 
-from llfsm.runtime.verification._breadth_first import Search, Successor
+from llfsm.runtime.verification._breadth_first import Search
+from llfsm.runtime.verification._twin import States
 
-_MOST_ZONES = 20_000
-Zone: TypeAlias = tuple[tuple[float, ...], ...]
-"""Row i, column j: the most ns by which clock i is ahead of clock j; clock 0 always reads 0."""
-
-
-class TooManyZonesError(Exception):
-    """The search for a possible way was given up."""
-
-
-class _Bound(NamedTuple):
-    """The time in a machine's state, in nanoseconds: more than a limit, up to the next."""
-
-    place: int
-    low_ns: int
-    high_ns: float
-
-
-def times_of(search: Search, steps: Iterable[Successor]) -> list[int] | None:
-    """Find the earliest time of each round, in nanoseconds; None if there are no such times.
-
-    Each bound asks that one round comes so long, or no longer, after another. Bellman and Ford's
-    algorithm raises the times until all hold; if that takes too often, they contradict each other.
-    """
-    asked: list[tuple[int, int, float]] = []  # round, the one before it, least time between
-    entered: dict[int, int] = {}
-    number = 0
-    begins = True
-    for step in steps:
-        if begins:
-            number += 1
-            asked.append((number, number - 1, 0))
-            for bound in _bounds(search, step.ready):
-                since = entered[bound.place]
-                asked.append((number, since, bound.low_ns))
-                asked.append((since, number, -bound.high_ns))
-        if step.restarted:
-            entered[step.place] = number
-        begins = step.turn == 0
-    times: list[float] = [0] * (number + 1)
-    for _ in range(number + 2):
-        changed = False
-        for later, earlier, least in asked:
-            if times[later] < times[earlier] + least:
-                times[later] = times[earlier] + least
-                changed = True
-        if not changed:
-            return [int(time) for time in times[1:]]
-    return None
-
-
-def possible_way(search: Search, sought: Callable[[Successor], bool]) -> list[Successor] | None:
-    """Find the shortest possible way to a turn that is sought; None if there is none.
-
-    Raise `TooManyZonesError` if there are too many zones, and `TimeUpError` after the deadline.
-    """
-    size = len(search.tables.system.names) + 1
-    most = [0.0]
-    for limits in search.tables.system.limits:
-        most.append(max((each[-1] + 1 for each in limits.values() if each), default=0))
-    first = 0, search.tables.initial(), tuple((0.0,) * size for _ in range(size))
-    parents: dict[tuple[int, int, Zone], tuple[tuple[int, int, Zone], Successor] | None] = {
-        first: None
-    }
-    level = [first]
-    while level:
-        now, level = level, []
-        for node in now:
-            search.tables.system.ringlets.deadline.check()
-            for step, zone in _zones_after(search, node, most):
-                after = step.turn, step.state, zone
-                if sought(step):
-                    return [*_steps_to(node, parents), step]
-                if after not in parents:
-                    parents[after] = node, step
-                    level.append(after)
-        if len(parents) > _MOST_ZONES:
-            raise TooManyZonesError
-    return None
-
-
-def _steps_to(
-    node: tuple[int, int, Zone],
-    parents: dict[tuple[int, int, Zone], tuple[tuple[int, int, Zone], Successor] | None],
-) -> list[Successor]:
-    steps = []
-    while (before := parents[node]) is not None:
-        node, step = before
-        steps.append(step)
-    return steps[::-1]
-
-
-def _zones_after(
-    search: Search, node: tuple[int, int, Zone], most: list[float]
-) -> Iterator[tuple[Successor, Zone]]:
-    turn, state, before = node
-    for step in search.steps(turn, state):
-        zone = [list(row) for row in before]
-        if turn == 0:
-            for row in zone[1:]:
-                row[0] = inf  # time passes
-            for bound in _bounds(search, step.ready):
-                clock = bound.place + 1
-                zone[0][clock] = min(zone[0][clock], -bound.low_ns)
-                zone[clock][0] = min(zone[clock][0], bound.high_ns)
-            if not _close(zone):
-                continue
-        if step.restarted:
-            _restart(zone, step.place + 1)
-        yield step, _rounded(zone, most)
-
-
-def _bounds(search: Search, ready: int) -> Iterator[_Bound]:
-    """Bound the clocks that run where a round begins."""
-    for place, limits, number in search.tables.running(ready):
-        low_ns = limits[number - 1] + 1 if number else 0
-        yield _Bound(place, low_ns, limits[number] if number < len(limits) else inf)
-
-
-def _close(zone: list[list[float]]) -> bool:
-    """Make each bound as tight as the others make it (Floyd); return False if they contradict."""
-    size = range(len(zone))
-    for k in size:
-        for i in size:
-            for j in size:
-                zone[i][j] = min(zone[i][j], zone[i][k] + zone[k][j])
-    return all(zone[i][i] >= 0 for i in size)
-
-
-def _restart(zone: list[list[float]], clock: int) -> None:
-    zone[clock] = list(zone[0])
-    for row in zone:
-        row[clock] = row[0]
-    zone[clock][clock] = 0
-
-
-def _rounded(zone: list[list[float]], most: list[float]) -> Zone:
-    """Forget bounds beyond the largest limit of a clock, so that there is an end of zones."""
-    for i, row in enumerate(zone):
-        for j, bound in enumerate(row):
-            if i != j:
-                row[j] = inf if bound > most[i] else max(bound, -most[j])
-    _close(zone)
-    return tuple(map(tuple, zone))
-
-
-Node: TypeAlias = tuple[int, int]
-"""Whose turn is next, and the state."""
+Node: TypeAlias = tuple[int, int, int]
+"""Whose turn is next, the state, and the stage: how many responses have come."""
+Holds: TypeAlias = Callable[[int], bool]
+"""A predicate of a state."""
 Sources: TypeAlias = Sequence[list[Node]]
 """By level of the search, the states from which a response is due."""
+
+
+class Responses(NamedTuple):
+    """What must follow a trigger: one or more responses, one after the other."""
+
+    triggers: Holds
+    each: tuple[Holds, ...]
+
+    @property
+    def done(self) -> int:
+        """The stage in which nothing is due."""
+        return len(self.each)
+
+    def advance(self, stage: int, state: int) -> int:
+        """Return the stage after a state, in which several responses may come."""
+        while stage < len(self.each) and self.each[stage](state):
+            stage += 1
+        return stage
+
+    def follow(self, stage: int, state: int) -> int:
+        """Return the stage after a state that may be a trigger, too."""
+        return self.advance(0 if self.triggers(state) else stage, state)
+
+    def silent(self, search: Search, node: Node) -> list[Node]:
+        """List what may be one turn after a node while a response is due."""
+        turn, state, stage = node
+        found = ((*each, self.advance(stage, each[1])) for each in search.after(turn, state))
+        return [after for after in found if after[2] < self.done]
 
 
 _MOST_TRIED = 100
@@ -189,7 +77,7 @@ class Lasso(NamedTuple):
 
 
 def late_response(
-    search: Search, sources: Sources, responds: Callable[[Node], bool], rounds: int
+    search: Search, sources: Sources, responses: Responses, rounds: int
 ) -> Lasso | None:
     """Find the shortest way on which more than `rounds` rounds begin without a response."""
     waited: dict[Node, int] = {}
@@ -206,15 +94,16 @@ def late_response(
             if waited.get(node, -1) >= passed:
                 continue
             waited[node] = passed
-            successors = search.after(*node)
-            after_round = passed + (node[0] == 0)
-            if search.tables.may_end(*node):
+            turn, state, stage = node
+            after_round = passed + (turn == 0)
+            if search.tables.may_end(turn, state):
                 return Lasso(_way((node, passed), parents), [], ends=True)
             if after_round > rounds:
-                return Lasso([*_way((node, passed), parents), successors[0]], [])
-            for after in successors:
+                late = *search.after(turn, state)[0], stage
+                return Lasso([*_way((node, passed), parents), late], [])
+            for after in responses.silent(search, node):
                 item = after, after_round
-                if item not in parents and not responds(after):
+                if item not in parents:
                     parents[item] = node, passed
                     level.append(item)
     return None
@@ -223,8 +112,8 @@ def late_response(
 def no_response(
     search: Search,
     sources: Sources,
-    responds: Callable[[Node], bool],
-    recurring: Sequence[Callable[[Node], bool]],
+    responses: Responses,
+    recurring: Sequence[Holds],
 ) -> Lasso | None:
     """Find a short way to a cycle, or an end, without a response but with all that recurs."""
     parents: dict[tuple[Node, int], tuple[Node, int] | None] = {}
@@ -241,10 +130,10 @@ def no_response(
         for node in now:
             if node in edges:
                 continue
-            successors = search.after(*node)
-            if search.tables.may_end(*node) and all(holds(node) for holds in recurring):
+            turn, state, _ = node
+            if search.tables.may_end(turn, state) and all(holds(state) for holds in recurring):
                 ends.add(node)
-            edges[node] = [after for after in successors if not responds(after)]
+            edges[node] = responses.silent(search, node)
             for after in edges[node]:
                 if (after, 0) not in parents:
                     parents[after, 0] = node, 0
@@ -252,7 +141,7 @@ def no_response(
     fair = {
         node: component
         for component in _components(edges)
-        if all(any(holds(node) for node in component) for holds in recurring)
+        if all(any(holds(state) for _, state, _ in component) for holds in recurring)
         for node in component
     }
     found: Lasso | None = None
@@ -322,14 +211,15 @@ def _cycle(
     start: Node,
     component: set[Node],
     edges: dict[Node, list[Node]],
-    recurring: Sequence[Callable[[Node], bool]],
+    recurring: Sequence[Holds],
 ) -> list[Node]:
     """Find a cycle from `start`, which ends it, with a state for each that recurs."""
     cycle = [start]
     for holds in recurring:
-        if not any(holds(node) for node in cycle):
-            cycle += _shortest(cycle[-1], component, edges, holds)
-    cycle += _shortest(cycle[-1], component, edges, lambda node: node == start)
+        if not any(holds(state) for _, state, _ in cycle):
+            good = {node for node in component if holds(node[1])}
+            cycle += _shortest(cycle[-1], component, edges, good)
+    cycle += _shortest(cycle[-1], component, edges, {start})
     return cycle[1:]
 
 
@@ -337,7 +227,7 @@ def _shortest(
     start: Node,
     component: set[Node],
     edges: dict[Node, list[Node]],
-    sought: Callable[[Node], bool],
+    sought: set[Node],
 ) -> list[Node]:
     """List the nodes after `start` on the shortest way, of one turn or more, to one sought."""
     parents: dict[Node, Node] = {}
@@ -349,9 +239,66 @@ def _shortest(
                 if after not in component or after in parents:
                     continue
                 parents[after] = node
-                if sought(after):
+                if after in sought:
                     way = [after]
                     while (before := parents[way[-1]]) != start:
                         way.append(before)
                     return way[::-1]
                 level.append(after)
+
+
+class Trap(NamedTuple):
+    """A region without a way out: its first state, and the number of states that can follow."""
+
+    turn: int
+    state: int
+    states: int
+
+
+def no_way_out(search: Search, goals: Callable[[States], Iterable[int]]) -> Trap | None:
+    """Find the nearest state from which no way leads to a goal; None if there is none.
+
+    `goals` selects those of some states that are goals.
+    """
+    nodes = [(turn, s) for level in search.levels for turn, each in level.items() for s in each]
+    numbers = {node: number for number, node in enumerate(nodes)}
+    good = bytearray(len(nodes))
+    for level in search.levels:
+        for turn, states in level.items():
+            for state in goals(states):
+                good[numbers[turn, state]] = 1
+    known = [number for number, found in enumerate(good) if found]
+    ends, targets = array("Q", [0]), array("Q")  # the successors of each state
+    for number, node in enumerate(nodes):
+        if not good[number]:  # else it makes no difference what follows
+            targets.extend(numbers[after] for after in search.after(*node))
+        ends.append(len(targets))
+    sources, before = _reversed(ends, targets)
+    for number in known:
+        for earlier in before[sources[number] : sources[number + 1]]:
+            if not good[earlier]:
+                good[earlier] = 1
+                known.append(earlier)
+    first = good.find(0)
+    if first < 0:
+        return None
+    region, waiting = {first}, [first]
+    for number in waiting:
+        new = set(targets[ends[number] : ends[number + 1]]) - region
+        region |= new
+        waiting += new
+    return Trap(*nodes[first], len(region))
+
+
+def _reversed(ends: array[int], targets: array[int]) -> tuple[array[int], array[int]]:
+    """Turn the edges of a graph round; those of a node are from its place in `ends` to the next."""
+    counts = [0] * len(ends)
+    for target in targets:
+        counts[target + 1] += 1
+    begins = array("Q", accumulate(counts))
+    free, sources = begins[:], array("Q", targets)
+    for source in range(len(ends) - 1):
+        for target in targets[ends[source] : ends[source + 1]]:
+            sources[free[target]] = source
+            free[target] += 1
+    return begins, sources

@@ -10,7 +10,7 @@ order in which they are found, so that a ringlet's effects are a small tuple.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
@@ -21,7 +21,7 @@ from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
-from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.engine.seat import Failure, Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -33,15 +33,18 @@ from llfsm.runtime.verification.environment import (
 )
 from llfsm.runtime.verification.errors import UnsupportedError
 from llfsm.runtime.verification.values import (
+    PLAIN,
     Codes,
     UnknownValueError,
     Variables,
     freeze,
     other_copy,
+    own_copy,
 )
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.machine import Submachine
     from llfsm.runtime.engine.ringlet import BoundState
 
@@ -51,10 +54,18 @@ Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 """By "Machine.variable", functions that replace its value after each turn."""
 
 
+GiveTurns: TypeAlias = Callable[[Iterable[Seat]], bool]
+"""Gives seats their turns; True if a transition fired in any."""
+_Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool, bool]
+"""A control state with the bound states themselves: where a seat stands."""
+
+
 class TimeUpError(Exception):
     """The time to explore is over."""
 
 
+_FAILURE = Failure(ExecutionError("", "", "", "", None, None), NEVER)
+"""The failure of every machine that has failed: what its code raised is no part of a state."""
 ENDINGS = (KeyboardInterrupt, TimeUpError)
 """The exceptions that end an exploration: a property that is not decided by then is undecided."""
 
@@ -78,7 +89,9 @@ class _ExploredKernel(Kernel):
     environment: ExploredEnvironment
     unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
     error: ExecutionError | None = None
-    """What a machine's code raised in the latest turn."""
+    """What a machine's code raised in the latest turn, if all ends with that."""
+    raised_in: BoundState | None = None
+    """The state in which it was, if its machine was suspended for that."""
 
     @property
     def contains_exits(self) -> bool:
@@ -86,17 +99,22 @@ class _ExploredKernel(Kernel):
         return True
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Keep what a machine's code raised; the machine stays as it is."""
+        """Keep what a machine's code raised, with which all ends; or suspend the machine."""
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
             raise error.__cause__
-        self.error = error
+        if self.on_error == "stop" or seat.name in self.environment.watchers:
+            self.error = error
+            return
+        self.raised_in = seat.previous
+        seat.fail(_FAILURE)
+        self.set_aside(seat)
 
 
 class Ringlets(Control):
     """Machines of which any may have a ringlet, from any control state.
 
     The last `watchers` are monitors; anybody may suspend, resume or restart those that
-    `controlled` names.
+    `controlled` names. Of `on_error`, monitors know "stop" alone.
     """
 
     kernel: _ExploredKernel
@@ -107,11 +125,15 @@ class Ringlets(Control):
         *,
         watchers: int,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Abstraction,
         controlled: Iterable[str],
     ):
         self.environment = ExploredEnvironment()
-        super().__init__(_ExploredKernel(self.environment, unload_accepting=unload_accepting))
+        kernel = _ExploredKernel(
+            self.environment, unload_accepting=unload_accepting, on_error=on_error
+        )
+        super().__init__(kernel)
         self._controlled = frozenset(controlled)  # by anybody
         self._complete = False
         for member in members:
@@ -131,6 +153,15 @@ class Ringlets(Control):
         self.executed = 0
         self.deadline = Deadline()
         self._ports = [self._ports_of(seat) for seat in self.seats]
+        self._actuators = [
+            [(name, ports[name]) for name in type(seat.machine).table.actuators]
+            for seat, ports in zip(self.seats, self._ports, strict=True)
+        ]
+        self._no_variables = [ports.keys() | {"stopping"} for ports in self._ports]
+        self._standings: list[dict[_Standing, int]] = [{} for _ in self.seats]
+        """For each machine, the numbers of its control states, as a seat has them."""
+        self._orders: dict[tuple[str, ...], tuple[str, ...]] = {}
+        """Names of variables in the order of the alphabet."""
         self._abstract: list[dict[str, Callable[[Any], Any]]] = [{} for _ in self.seats]
         for name, function in abstract.items():
             self._add_abstraction(name, function)
@@ -148,78 +179,97 @@ class Ringlets(Control):
             codes.code(None, None)
         return 0 if message is None else codes.code(freeze(message, _ignore), message)
 
-    def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
+    def run_ringlet(
+        self, given: Given, *, copied: bool = False, turns: GiveTurns | None = None
+    ) -> RingletOutcome:
         """Run a ringlet and return its effects; if `copied`, it gets copies with shuffled sets.
+
+        `turns` is called in the place of `give_turns`.
 
         Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
         machine that `others` lacks, and `TimeUpError` after the deadline.
         """
         self.deadline.check()
-        environment, seat = self.environment, self.seats[given.place]
-        others = dict(given.others)
-        for other, its in given.others:
-            self._set_control(other, self.controls[other].values[its])
-        was: ControlState = self.controls[given.place].values[given.control]
-        self._set_control(given.place, was)
-        if given.request is not None:
-            if was.withdrawn_by(given.request):
+        place, control, _, elapsed_ns, contents, others, request, stopping = given
+        environment, seat = self.environment, self.seats[place]
+        for other, its in others:
+            self._set_control(other, its)
+        was: ControlState = self.controls[place].values[control]
+        self._set_control(place, control)
+        if request is not None:
+            if was.withdrawn_by(request):
                 seat.schedule(Request.SUSPEND)
-            seat.schedule(given.request)
+            seat.schedule(request)
         self._set_variables(given, other_copy if copied else deepcopy)
-        self.kernel.stopping = given.stopping
-        for slot, content in given.contents:
+        self.kernel.stopping = stopping
+        for slot, content in contents:
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
-        environment.begin(seat.name, given.elapsed_ns if was.entered else None)
-        self.kernel.error = None
+        environment.begin(seat.name, elapsed_ns if was.entered else None)
+        self.kernel.error = self.kernel.raised_in = None
         self.executed += 1
-        fired = self.kernel.give_turns((seat,))
-        self._check_ports(given.place)
-        known = environment.touched & self.places.keys()  # others are refused
-        touched = {self.places[name] for name in known} - {given.place}
-        if not touched <= others.keys():
-            raise UnknownControlError(touched)
+        fired = (turns or self.kernel.give_turns)((seat,))
+        self._check_ports(place)
+        asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
         if environment.refusal is not None:
             raise environment.refusal
-        clock_state, error = seat.previous, self.kernel.error
-        after = [(other, self._control_of(other)) for other in sorted(touched)]
+        error = self.kernel.error
+        clock_state = self.kernel.raised_in or seat.previous
         return RingletOutcome(
             environment.low_ns,
             environment.high_ns,
-            tuple((other, others[other]) for other in sorted(touched)),
-            self._control_of(given.place),
-            self._variables_of(given.place),
+            asked,
+            self._control_of(place),
+            self._variables_of(place),
             seat.entered_ns != environment.entered
             or seat.current is not clock_state
             or not seat.taken,
             self._posts(),
-            tuple((other, its) for other, its in after if its != others[other]),
+            changed,
             tuple(
-                (clock_state.name if entered and clock_state else was.current, limit)
-                for entered, limit in environment.limits
+                [
+                    (clock_state.name if entered and clock_state else was.current, limit)
+                    for entered, limit in environment.limits
+                ]
             ),
             _fired(seat, clock_state) if fired and clock_state is not None else None,
             0 if error is None else self.errors.code(str(error), error),
         )
 
+    def _touched(
+        self, place: int, others: Mapping[int, int]
+    ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]:
+        """List the other machines that were asked for or changed, and the control states of both.
+
+        Raise `UnknownControlError` for those whose control states were not given in `others`.
+        """
+        known = self.environment.touched & self.places.keys()  # others are refused
+        touched = sorted({self.places[name] for name in known} - {place})
+        if not others.keys() >= set(touched):
+            raise UnknownControlError({*touched})
+        after = [(other, self._control_of(other)) for other in touched]
+        asked = tuple((other, others[other]) for other in touched)
+        return asked, tuple((other, its) for other, its in after if its != others[other])
+
     def _check_ports(self, place: int) -> None:
         """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
-        machine = self.seats[place].machine
-        kept = {"stopping": self.kernel.stopping}
-        if self.seats[place].taken:  # else its actuators are closed
-            kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
-        for name, value in kept.items():
-            if vars(machine).get(name) is not value and self.environment.refusal is None:
-                self.environment.refusal = UnsupportedError(
-                    f"{machine.name} assigns to its {name!r}: this cannot be explored"
-                )
+        seat = self.seats[place]
+        attributes = vars(seat.machine)
+        wrong = [] if attributes.get("stopping") is self.kernel.stopping else ["stopping"]
+        if seat.taken:  # else its actuators are closed
+            wrong += [n for n, port in self._actuators[place] if attributes.get(n) is not port]
+        if wrong and self.environment.refusal is None:
+            self.environment.refusal = UnsupportedError(
+                f"{seat.name} assigns to its {wrong[0]!r}: this cannot be explored"
+            )
 
     def fingerprint(self, place: int) -> object:
         """Return the changes that a ringlet under way has made so far, as a comparable value."""
         return self._control_of(place), self._variables_of(place), self._posts()
 
     def _posts(self) -> tuple[tuple[str, int], ...]:
-        return tuple((slot, self.message(slot, m)) for slot, m in self.environment.posted.items())
+        posted = self.environment.posted
+        return tuple([(slot, self.message(slot, m)) for slot, m in posted.items()])
 
     def is_settled(
         self, place: int, control: int, *, stopping: bool, may_stop: bool
@@ -229,20 +279,21 @@ class Ringlets(Control):
         They differ where a request from outside does, if it is there when the round is over: to
         suspend one that accepts, or to resume or restart one that is suspended; a suspend also
         withdraws what would wake it. Unless a stop has come, or may at that moment, one that is
-        suspended does without it, as if that was asked from outside.
+        suspended does without it, as if that was asked from outside. One that has failed keeps it
+        alive, until a stop, if some other process can resume it, which is not known.
         """
         seat = self.seats[place]
         if self.waits(place, control):
             return (stopping or may_stop) and seat.entered_ns != NEVER, False
         if not seat.taken:
             return True, True
-        controlled = seat.name in self._controlled
-        return seat.settled, seat.settled and (stopping or not controlled)
+        held = seat.name in self._controlled or seat.failure is not None
+        return seat.settled, seat.settled and (stopping or not held)
 
     def waits(self, place: int, control: int) -> bool:
         """Check that a machine is suspended, and that anybody may wake it or leave it so."""
         seat = self.seats[place]
-        self._set_control(place, self.controls[place].values[control])
+        self._set_control(place, control)
         return seat.taken and seat.suspended and seat.name in self._controlled
 
     # A machine is loaded here only if its control state was given, so it is noted before anything
@@ -331,8 +382,9 @@ class Ringlets(Control):
 
     # Control states and variables
 
-    def _set_control(self, place: int, control: ControlState) -> None:
+    def _set_control(self, place: int, number: int) -> None:
         seat, roster = self.seats[place], self.roster
+        control: ControlState = self.controls[place].values[number]
         states = seat.states
         seat.current = states.get(control.current, seat.suspension)
         previous = control.previous
@@ -341,7 +393,7 @@ class Ringlets(Control):
         seat.request = control.request
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
-        seat.failure = None
+        seat.failure = _FAILURE if control.failed else None
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:
@@ -353,8 +405,17 @@ class Ringlets(Control):
                 roster.remove(seat)
 
     def _control_of(self, place: int) -> int:
-        control = ControlState.of(self.seats[place])
-        return self.controls[place].code(control, control)
+        seat = self.seats[place]
+        begun = seat.entered_ns != NEVER
+        standing = (
+            *(seat.current, seat.previous, seat.remembered),
+            *(seat.request, seat.accepted, seat.taken, begun, seat.failure is not None),
+        )
+        number = self._standings[place].get(standing)
+        if number is None:
+            control = ControlState.of(seat)
+            number = self._standings[place][standing] = self.controls[place].code(control, control)
+        return number
 
     def _ports_of(self, seat: Seat) -> dict[str, Any]:
         attributes, table = vars(seat.machine), type(seat.machine).table
@@ -378,44 +439,57 @@ class Ringlets(Control):
         attributes.update(copy(values) if has_parts else values)
 
     def _variables_of(self, place: int) -> int:
-        machine, ports = self.seats[place].machine, self._ports[place]
-        values = {
-            name: value
-            for name, value in vars(machine).items()
-            if name not in ports and name != "stopping"
-        }
-        for name, function in self._abstract[place].items():
+        machine, ports = self.seats[place].machine, self._no_variables[place]
+        values = {name: value for name, value in vars(machine).items() if name not in ports}
+        if self._abstract[place]:
+            self._replace(values, machine.name, self._abstract[place])
+        names = tuple(values)
+        order = self._orders.get(names)
+        if order is None:
+            order = self._orders[names] = tuple(sorted(names))
+        parts: list[Any] = []
+        key: list[Hashable] = []
+        for name in order:
+            value = values[name]
+            kind = type(value)
+            if kind in PLAIN:  # as most are, and as `freeze` does it
+                key.append((kind, value))
+                continue
+            try:
+                key.append(freeze(value, parts.append))
+            except (UnknownValueError, RecursionError) as error:
+                raise _no_data(machine, name, error) from None
+        if parts:
+            self._check_apart(machine.name, parts)
+        codes = self.variables[place]
+        known = len(codes)
+        code = codes.code((order, tuple(key)), None)
+        if code == known:
+            if parts:
+                for name, value in values.items():
+                    try:
+                        values[name] = own_copy(value)
+                    except UnknownValueError as error:
+                        raise _no_data(machine, name, error) from None
+            kept: Variables = values, bool(parts)
+            codes.values[code] = kept
+        return code
+
+    def _replace(self, values: dict[str, Any], machine: str, functions: Abstraction) -> None:
+        """Replace variables by what the abstractions make of them."""
+        for name, function in functions.items():
             if name not in values:
                 raise UnsupportedError(
-                    f"abstract names {machine.name}.{name}, which {machine.name} does not have; "
+                    f"abstract names {machine}.{name}, which {machine} does not have; "
                     f"its variables are: {', '.join(values) or 'none'}"
                 )
             try:
                 values[name] = function(values[name])
             except Exception as error:  # a function of the user's may raise anything
                 raise UnsupportedError(
-                    f"abstract: the function of {machine.name}.{name} raised "
+                    f"abstract: the function of {machine}.{name} raised "
                     f"{type(error).__name__} for {values[name]!r}: {error}"
                 ) from error
-        parts: list[Any] = []
-        key = []
-        for name in sorted(values):
-            try:
-                key.append((name, freeze(values[name], parts.append)))
-            except (UnknownValueError, RecursionError) as error:
-                what = error if isinstance(error, UnknownValueError) else "nested without end"
-                raise UnsupportedError(
-                    f"{machine.name}.{name} is {what}: only data can be explored; give "
-                    f'abstract={{"{machine.name}.{name}": function}} to replace it'
-                ) from None
-        self._check_apart(machine.name, parts)
-        codes = self.variables[place]
-        known = len(codes)
-        code = codes.code(tuple(key), None)
-        if code == known:
-            kept: Variables = deepcopy(values) if parts else values, bool(parts)
-            codes.values[code] = kept
-        return code
 
     def _check_apart(self, machine: str, parts: list[Any]) -> None:
         """Refuse variables that share what can change: here each has a copy of its own."""
@@ -427,6 +501,14 @@ class Ringlets(Control):
         for part in changing:
             if (owner := owners.setdefault(part, machine)) != machine:
                 raise UnsupportedError(f"{owner} and {machine} {text}: use a slot for that")
+
+
+def _no_data(machine: Machine, name: str, error: Exception) -> UnsupportedError:
+    what = error if isinstance(error, UnknownValueError) else "nested without end"
+    return UnsupportedError(
+        f"{machine.name}.{name} is {what}: only data can be explored; give "
+        f'abstract={{"{machine.name}.{name}": function}} to replace it'
+    )
 
 
 def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:

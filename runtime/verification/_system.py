@@ -12,10 +12,11 @@ it begins again with larger states. That happens a few times, and the ringlets s
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
-from itertools import product
+from itertools import islice, product
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.events import Request
@@ -28,19 +29,24 @@ from llfsm.runtime.verification.environment import (
     RingletOutcome,
     UnknownControlError,
 )
-from llfsm.runtime.verification.errors import DomainError, UnsupportedError, VerificationError
+from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 from llfsm.runtime.verification.properties import defaults_of
-from llfsm.runtime.verification.values import freeze
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.kernel import OnError
     from llfsm.whiteboard import Slot
 
 
 _MOST_CHOICES = 100_000
 """Choices of the environment at one turn; far fewer already make too many states."""
-MOST_VALUES = 50_000
-"""Combinations of a machine's variables, after which there seems to be no end."""
+_SAMPLE, _PART = 1_000, 25
+"""Ringlets that are run again: so many or, if that is more, one of so many."""
 _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
+
+
+_Key: TypeAlias = tuple[int, int, int, tuple[tuple[str, int], ...], Request | None, bool]
+"""What a kept ringlet was given, but for time and others, which it may not have asked for."""
+_Kept: TypeAlias = tuple[int, tuple[tuple[int, int], ...], RingletOutcome]
 
 
 class RelearnError(Exception):
@@ -73,6 +79,7 @@ class System:
         suspend: Iterable[str],
         by_rounds: bool,
         unload_accepting: bool,
+        on_error: OnError,
         abstract: Mapping[str, Callable[[Any], Any]],
     ):
         self.time_model = time_model
@@ -83,6 +90,7 @@ class System:
             members,
             watchers=watchers,
             unload_accepting=unload_accepting,
+            on_error=on_error,
             abstract=abstract,
             controlled=self.suspend,
         )
@@ -101,7 +109,9 @@ class System:
         """For each machine, those whose control state it asks for or changes."""
         self.leavers: set[int] = set()
         """The machines that were found to leave the arrangement."""
-        self._kept: dict[Given, list[tuple[Given, RingletOutcome]]] = {}
+        self._kept: dict[_Key, tuple[_Kept, ...]] = {}
+        self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
+        """A kept ringlet of each kind: from where to where, by which request and transition."""
         self._connect(sensors)
 
     def _connect(self, sensors: Mapping[Slot[Any] | str, Iterable[Any]]) -> None:
@@ -237,32 +247,33 @@ class System:
     def outcome(self, given: Given) -> RingletOutcome:
         """Look the effects of a ringlet up, or run and keep it.
 
-        Raise `RelearnError` if running it has shown more than was known, and `VerificationError`
-        if a machine's variables have too many values.
+        Raise `RelearnError` if running it has shown more than was known.
         """
-        key = given._replace(elapsed_ns=0, others=())
-        kept = self._kept.setdefault(key, [])
-        others = dict(given.others)
-        for _, outcome in kept:
-            if outcome.low_ns < given.elapsed_ns <= outcome.high_ns and all(
-                others[other] == its for other, its in outcome.asked
-            ):
-                return outcome
+        place, control, variables, elapsed_ns, contents, others, request, stopping = given
+        key = place, control, variables, contents, request, stopping
+        kept = self._kept.get(key, ())
+        if kept:
+            controls = dict(others)
+            for *_, outcome in kept:
+                if outcome.low_ns < elapsed_ns <= outcome.high_ns and all(
+                    controls[other] == its for other, its in outcome.asked
+                ):
+                    return outcome
         try:
             outcome = self.ringlets.run_ringlet(given)
         except UnknownControlError as error:
-            self.mentions[given.place] |= error.touched
+            self.mentions[place] |= error.touched
             raise RelearnError from None
-        self._learn_limits(given.place, outcome)
-        kept.append((given, outcome))
-        self._learn_leavers((given.place, outcome.control), *outcome.others)
-        if len(self.ringlets.variables[given.place]) > MOST_VALUES:
-            variable, number = next(iter(self.values().items()))
-            raise VerificationError(
-                f"there seems to be no end of states: {variable} has had {number} values; bound "
-                f'it, or give abstract={{"{variable}": lambda value: ...}} to leave out what does '
-                f"not matter"
-            )
+        if outcome.limits:
+            self._learn_limits(place, outcome)
+        self._kept[key] = (*kept, (elapsed_ns, others, outcome))
+        kind = (
+            *(place, control, request, outcome.control, outcome.others),
+            *(outcome.fired, outcome.error, len(outcome.posts)),
+        )
+        if kind not in self._kinds:
+            self._kinds[kind] = given, outcome
+        self._learn_leavers((place, outcome.control), *outcome.others)
         return outcome
 
     def _learn_limits(self, place: int, outcome: RingletOutcome) -> None:
@@ -278,40 +289,59 @@ class System:
                 raise RelearnError
 
     def _learn_leavers(self, *controls: tuple[int, int]) -> None:
-        codes = self.ringlets.controls
-        gone = {place for place, code in controls if not codes[place].values[code].loaded}
-        if not gone <= self.leavers:
-            self.leavers |= gone
+        codes, known = self.ringlets.controls, len(self.leavers)
+        for place, code in controls:
+            if not codes[place].values[code].loaded:
+                self.leavers.add(place)
+        if len(self.leavers) > known:
             raise RelearnError
 
-    def unreached(self) -> Iterator[str]:
-        """List the states that no machine comes into, as "Machine.STATE"; not of monitors."""
+    def left_out(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """List what never happens, but of monitors: states, and transitions.
+
+        That is states that no machine comes into, as "Machine.STATE", and transitions that never
+        fire, as "Machine.STATE -> TARGET: label".
+        """
         stood = {(place, control) for place, (control, _) in enumerate(self.ringlets.initial)}
-        for given, outcome in self.kept():
-            stood |= {(given.place, outcome.control), *outcome.others}
+        fired = set()
+        for (place, *_), outcome in self._kinds.values():
+            stood |= {(place, outcome.control), *outcome.others}
+            fired.add((place, outcome.fired))
+        unreached, untaken = [], []
         for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
             codes = self.ringlets.controls[place].values
             reached = {codes[control].current for other, control in stood if other == place}
-            yield from (f"{seat.name}.{state}" for state in seat.states if state not in reached)
-
-    def untaken(self) -> Iterator[str]:
-        """List the transitions that never fire, as "Machine.STATE -> TARGET: label"."""
-        fired = {(given.place, outcome.fired) for given, outcome in self.kept()}
-        for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
+            unreached += [f"{seat.name}.{state}" for state in seat.states if state not in reached]
             for state in type(seat.machine).table.states:
                 for number, way in enumerate(state.transitions):
                     if (place, (state.name, number)) not in fired:
-                        yield f"{seat.name}.{state.name} -> {way.target.name}: {way.label}"
+                        text = f"{seat.name}.{state.name} -> {way.target.name}: {way.label}"
+                        untaken.append(text)
+        return tuple(unreached), tuple(untaken)
 
-    def values(self) -> dict[str, int]:
-        """Count the values that each variable has had, as "Machine.variable", the most first."""
+    def sizes(self) -> tuple[int, ...]:
+        """Count what is numbered as it is found: variables of each machine, and messages."""
+        ringlets = self.ringlets
+        return tuple(map(len, (*ringlets.variables, *ringlets.messages.values())))
+
+    def values(self, first: Iterable[int] = ()) -> dict[str, int]:
+        """Count the values that each variable has had, as "Machine.variable", the most first.
+
+        With what `sizes` returned earlier, count those that it had then.
+        """
         found: dict[str, set[Hashable]] = {}
-        for place, name in enumerate(self.names):
-            for variables, _ in self.ringlets.variables[place].values:
-                for variable, value in variables.items():
-                    key = freeze(value, lambda _: None)
+        numbers = first or self.sizes()
+        for name, codes, number in zip(self.names, self.ringlets.variables, numbers):  # noqa: B905
+            for variables, keys in islice(codes.keys(), number):
+                for variable, key in zip(variables, keys, strict=True):
                     found.setdefault(f"{name}.{variable}", set()).add(key)
         return dict(sorted(((n, len(each)) for n, each in found.items()), key=lambda i: -i[1]))
+
+    def posts(self, first: Iterable[int] = ()) -> dict[str, int]:
+        """Count the messages that machines have posted to each slot, likewise."""
+        numbers = islice(first or self.sizes(), len(self.names), None)
+        each = dict(zip(self.ringlets.messages, numbers))  # noqa: B905
+        return {slot: number - 1 for slot, number in each.items() if slot in self.posted}
 
     def longest_wait(self) -> tuple[str, int]:
         """Find the longest time that is asked about, in ns, after its "Machine.STATE"."""
@@ -324,10 +354,25 @@ class System:
         limit_ns, place = max(waits, default=(0, ""))
         return place, limit_ns
 
-    def kept(self) -> Iterator[tuple[Given, RingletOutcome]]:
-        """List all ringlets that were run, and their effects."""
-        for kept in self._kept.values():
-            yield from kept
+    def sample(self) -> tuple[list[tuple[Given, RingletOutcome]], bool]:
+        """Choose ringlets that were run, with their effects, to see whether they do the same again.
+
+        These are all, if there are few; the second result is then True. Of many they are a random
+        part, and one of each kind: the machine's control state before and after, the transition
+        that fired, the request, the number of posts.
+        """
+        number = max(_SAMPLE, len(self._kept) // _PART)
+        if len(self._kept) <= number:
+            keys, few = list(self._kept), []
+        else:
+            few = [*self._kinds.values()][:number]
+            keys = random.Random(0).sample(list(self._kept), number - len(few))
+        sample = few + [
+            (Given(*key[:3], elapsed_ns, key[3], others, *key[4:]), outcome)
+            for key in keys
+            for elapsed_ns, others, outcome in self._kept[key]
+        ]
+        return sample, len(keys) == len(self._kept)
 
     def is_settled(self, place: int, control: int, *, stopping: bool) -> tuple[bool, bool]:
         """Check as `Ringlets.is_settled` does; a monitor does not keep the execution alive."""

@@ -3,28 +3,34 @@
 Exploring is fast because nothing of the engine runs for a state. Each field of a state, such as the
 number of a machine's variables, has its bits in one number. A turn depends on some fields only:
 their bits are the key of a table, and its value is the list of the turn's effects, one for each
-choice of the environment. An effect is (mask, bits): `state & mask | bits` is the state after it.
-A table is filled as it is looked up, by the ringlets that `System` keeps or runs. The same is done
-for the time that passes, and for machines that have left or are settled.
+choice of the environment. A table is filled as it is looked up, by the ringlets that `System` keeps
+or runs. The same is done for the time that passes, and for machines that have left or are settled.
 
-Fields are packed tight, and those with few values come first, because the hash of a whole number is
-the number: sets of them are fast only if the low bits differ. A field that becomes too small gets
-twice the room in the next attempt (`RelearnError`).
+Values are numbered as they are found, so nobody knows how many bits a field will need. The bits of
+a word that nobody needs yet are shared out among the fields that may grow. One that becomes too
+small nevertheless gets twice the room in the next attempt (`RelearnError`): so there are few
+attempts, and all but the last are short. Without the extension in C, fields are packed tight, and
+those with few values come first: the hash of a whole number is the number, and sets of them are
+fast only if the low bits differ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import Final, NamedTuple, TypeAlias
 
+from llfsm.runtime.verification._packed_states import Effect, Fill
 from llfsm.runtime.verification._system import Choice, RelearnError, System
 from llfsm.runtime.verification._time_model import Limits
+from llfsm.runtime.verification._twin import SPREAD, EffectTable, States
 from llfsm.runtime.verification.environment import ControlState, Given, RingletOutcome
 from llfsm.runtime.verification.properties import LastAsk
 
 FieldName: TypeAlias = tuple[str, str]
 """A kind ("control", "variables", "elapsed", "slot", "seen", "stop", "failed") and a name."""
+_FIXED: Final = ("elapsed", "stop")
+"""The kinds of fields whose largest value is known."""
 
 
 class Bits(NamedTuple):
@@ -47,35 +53,38 @@ class Packing:
     """The place of each field; `sizes` are the numbers of values for which each must have room."""
 
     def __init__(self, sizes: Mapping[FieldName, int]):
+        widths = {name: max(size - 1, 0).bit_length() for name, size in sizes.items()}
+        needed = sum(widths.values())
+        self.words = needed // 64 + 1
+        """The words of 64 bits that a state needs; its highest bit is never set."""
+        growing = [name for name in sizes if name[0] not in _FIXED]
+        spare = (64 * self.words - 1 - needed) // len(growing) if SPREAD and growing else 0
         self.fields: dict[FieldName, Bits] = {}
         shift = 0
-        for name, size in sorted(sizes.items(), key=lambda item: item[1]):
-            width = max(size - 1, 0).bit_length()
+        for name in sorted(sizes, key=sizes.__getitem__):
+            width = widths[name] + (spare if name in growing else 0)
             self.fields[name] = Bits(shift, (1 << width) - 1)
             shift += width
         self.all = (1 << shift) - 1
         """The bits of all fields."""
 
+    def table(self, mask: int, fill: Fill) -> EffectTable:
+        """Make a table of effects by some bits."""
+        return EffectTable(self.words, mask, fill)
+
+    def filter(self, mask: int, holds: Callable[[int], bool]) -> EffectTable:
+        """Make a table that leaves a state as it is if `holds` for some bits; else it drops it."""
+        same = ((self.all, 0),)
+        return EffectTable(self.words, mask, lambda key: (1, same if holds(key) else ()))
+
+    def states(self, states: Iterable[int] = ()) -> States:
+        """Make a list of packed states."""
+        return States(self.words, states)
+
     def mask(self, names: Iterable[FieldName]) -> int:
         """Return the bits of those of the fields that exist."""
         fields = self.fields
         return sum(fields[name].mask for name in set(names) if name in fields)
-
-
-V = TypeVar("V")
-Effect: TypeAlias = tuple[int, int]
-
-
-class LazyTable(dict[int, V]):
-    """Values by some bits of a state, each computed by `fill` when it is first looked up."""
-
-    def __init__(self, fill: Callable[[int], V]):
-        super().__init__()
-        self._fill = fill
-
-    def __missing__(self, key: int) -> V:
-        value = self[key] = self._fill(key)
-        return value
 
 
 class Tables:
@@ -90,7 +99,7 @@ class Tables:
         self.packing = Packing(self._sizes(set(named), sizes))
         self._sizes_seen = sizes
         fields = self.fields = self.packing.fields
-        self._named = set(named)
+        self._named = frozenset(named)
         self._none = Bits(0, 0)
         places = range(len(system.names))
         self.controls = [fields["control", name] for name in system.names]
@@ -106,43 +115,61 @@ class Tables:
             }
             for place in places
         ]
-        self.masks = [self._key_mask(place) for place in places]
+        self._own = [self.controls[n].mask | self._variables[n].mask for n in places]
+        self._slots = {name: bits for (kind, name), bits in fields.items() if kind == "slot"}
+        self._seen = [
+            [
+                (field, slot)
+                for sensor, slot in system.reads[place].items()
+                if (field := ("seen", f"{name}.{sensor}")) in fields
+            ]
+            for place, name in enumerate(system.names)
+        ]
+        packing = self.packing
+        self._masks = [self._key_mask(place) for place in places]
         self._ranges: list[dict[int, list[tuple[float, float, tuple[Effect, ...]]]]] = [
             {} for _ in places
         ]
-        self.turns = [LazyTable(self._turn_filler(place)) for place in places]
-        """For each machine, the effects of its turn, each once."""
+        self.turns = [packing.table(self._masks[n], self._turn_filler(n)) for n in places]
+        """For each machine, the effects of its turn, each once; they weigh as much as all do."""
         self.ticks = [
-            (
-                self.controls[place].mask | self._elapsed[place].mask,
-                LazyTable(self._tick_filler(place)),
+            packing.table(
+                self.controls[place].mask | self._elapsed[place].mask, self._tick_filler(place)
             )
             for place in places
             if self._elapsed[place].most
         ]
         self._dispensable, self.settled = (
             [
-                (
-                    self.controls[place].mask | self._stop.mask,
-                    LazyTable(self._settled_filler(place, which)),
+                packing.filter(
+                    self.controls[place].mask | self._stop.mask, self._settled_filler(place, which)
                 )
                 for place in places
             ]
             for which in range(2)
         )
-        """For each machine, two tables: it need not keep the execution alive; it cannot."""
+        """For each machine, two filters: it need not keep the execution alive; it cannot."""
         self.rounds = self._round_choices()
         """The effects of the environment's choices for a round, if choices are made by rounds."""
-        self.forgotten = self.packing.mask(
+        forgotten = packing.mask(
             ("slot", slot)
             for slot in system.domains
             if system.by_rounds and ("slot", slot) not in self._named
         )
-        """The bits of the choices for a round, which are cleared when it is over."""
+        clears = (1, ((packing.all & ~forgotten, 0),))
+        self.forgotten = packing.table(0, lambda _: clears) if forgotten else None
+        """Clears the choices for a round, when it is over; None if that is not needed."""
+        self.intact = packing.filter(self.failed.mask, lambda key: not key)
+        """A filter of states in which no code has raised."""
+        suspends = system.ringlets.kernel.on_error == "suspend"
+        self._sound = [
+            packing.filter(self.controls[n].mask, self._is_sound(n)) for n in places if suspends
+        ]
+        """For each machine, a filter: it was not suspended because its code has raised."""
         self.leavers = frozenset(system.leavers)
         """The machines that can leave the arrangement."""
-        self.loaded = [(self.controls[n].mask, LazyTable(self._loaded_filler(n))) for n in places]
-        """For each machine, a table that is True as long as it has not left."""
+        self.loaded = [packing.filter(self.controls[n].mask, self._is_loaded(n)) for n in places]
+        """For each machine, a filter: it has not left."""
         self._choices: list[dict[bool, list[Choice]]] = [
             {stopping: system.choices(place, stopping=stopping) for stopping in (False, True)}
             for place in places
@@ -159,7 +186,7 @@ class Tables:
         for place in range(len(system.names)):
             for slot in system.reads[place].values():
                 if system.keeps(place, slot):
-                    sizes["slot", slot] = 1
+                    sizes["slot", slot] = len(system.ringlets.messages[slot])
         if system.stop:
             sizes["stop", ""] = 2
         for field in named:
@@ -177,33 +204,38 @@ class Tables:
             mask |= self.controls[other].mask
         return mask
 
-    def _round_choices(self) -> list[Effect]:
+    def _round_choices(self) -> EffectTable | None:
         system = self.system
         if not system.by_rounds:
-            return []
+            return None
         slots = sorted(system.domains)
         keep = self.packing.all & ~self.packing.mask(("slot", slot) for slot in slots)
-        return [
+        effects = tuple(
             (keep, sum(self._put(("slot", slot), code) for slot, code in contents))
             for contents in system.contents(slots)
-        ]
+        )
+        return self.packing.table(0, lambda _: (1, effects))
 
     def choices(self, place: int, state: int) -> list[tuple[Choice, RingletOutcome, Effect]]:
         """List the environment's choices at a machine's turn, with its outcome and effect."""
-        key = state & self.masks[place]
-        turns = self._outcomes(place, key, self._time(place)(key))
+        key = state & self._masks[place]
+        time = self._time(place)
+        turns = self._outcomes(place, key, 0 if time is None else time(key))
         return [
-            (choice, outcome, self._effect(place, outcome, choice, found))
-            for choice, found, outcome in turns
+            (choice, outcome, self._effect(place, outcome, choice, contents))
+            for choice, contents, outcome in turns
         ]
 
-    def number_of_choices(self, place: int, states: list[int]) -> int:
-        """Count the choices that the environment has in all of some states."""
-        running, stopping = (len(self._choices[place][each]) for each in (False, True))
-        if not self._stop.most:
-            return len(states) * running
-        stopped = sum(1 for s in states if s & self._stop.mask)
-        return (len(states) - stopped) * running + stopped * stopping
+    def ended(self, states: States) -> States:
+        """List the states in which all has ended as code has raised."""
+        return self.intact.split(states)[1] if self.failed.most else states[:0]
+
+    def failing(self, states: States) -> States:
+        """List those; if there are none, the states in which a machine was suspended for that."""
+        found = self.ended(states)
+        for sound in self._sound:
+            found = found or sound.split(states)[1]
+        return found
 
     def stopping(self, state: int) -> bool:
         """Check that a stop has come."""
@@ -217,25 +249,29 @@ class Tables:
             raise RelearnError
         return value << field.shift
 
-    def _turn_filler(self, place: int) -> Callable[[int], tuple[Effect, ...]]:
+    def _turn_filler(self, place: int) -> Fill:
         time, rest = self._time(place), ~self._elapsed[place].mask
         kept = self._ranges[place]
 
-        def fill(key: int) -> tuple[Effect, ...]:
+        def fill(key: int) -> tuple[int, tuple[Effect, ...]]:
+            weight = len(self._choices[place][self.stopping(key)])
+            if time is None:
+                return weight, self._effects(place, key, 0)[2]
             elapsed_ns = time(key)
             ranges = kept.setdefault(key & rest, [])
             for low_ns, high_ns, effects in ranges:
                 if low_ns < elapsed_ns <= high_ns:
-                    return effects
-            low_ns, high_ns, each = self._effects(place, key, elapsed_ns)
-            ranges.append((low_ns, high_ns, tuple(dict.fromkeys(each))))
-            return ranges[-1][2]
+                    return weight, effects
+            ranges.append(self._effects(place, key, elapsed_ns))
+            return weight, ranges[-1][2]
 
         return fill
 
-    def _time(self, place: int) -> Callable[[int], int]:
+    def _time(self, place: int) -> Callable[[int], int] | None:
         """Make a function that returns the time in a machine's state, in ns, by a key."""
         (shift, most), time_model = self._elapsed[place], self.system.time_model
+        if not most:
+            return None
         period_ns = time_model.period_ns
         if period_ns is not None:
             return lambda key: (key >> shift & most) * period_ns
@@ -256,74 +292,80 @@ class Tables:
             if limits := self._limits(place, state):
                 yield place, limits, field.of(state)
 
-    def _effects(self, place: int, key: int, elapsed_ns: int) -> tuple[float, float, list[Effect]]:
-        """Return the range of times in the state with the same effects, and one for each choice."""
+    def _effects(
+        self, place: int, key: int, elapsed_ns: int
+    ) -> tuple[float, float, tuple[Effect, ...]]:
+        """Return the range of times in the state with the same effects, and these, each once."""
         low_ns, high_ns = -inf, inf
-        effects = []
-        for choice, found, outcome in self._outcomes(place, key, elapsed_ns):
+        effects: dict[Effect, None] = {}
+        for choice, contents, outcome in self._outcomes(place, key, elapsed_ns):
             low_ns, high_ns = max(low_ns, outcome.low_ns), min(high_ns, outcome.high_ns)
-            effects.append(self._effect(place, outcome, choice, found))
-        return low_ns, high_ns, effects
+            effects[self._effect(place, outcome, choice, contents)] = None
+        return low_ns, high_ns, tuple(effects)
 
     def _outcomes(
         self, place: int, key: int, elapsed_ns: int
-    ) -> Iterator[tuple[Choice, dict[str, int], RingletOutcome]]:
+    ) -> Iterator[tuple[Choice, tuple[tuple[str, int], ...], RingletOutcome]]:
         """Yield each choice, the contents of the slots that are read then, and the outcome."""
         system = self.system
         control, variables = self.controls[place].of(key), self._variables[place].of(key)
-        contents = {slot: field.of(key) for slot, field in self._read[place].items()}
-        others = tuple((other, self.controls[other].of(key)) for other in system.mentions[place])
+        kept = tuple([(slot, field.of(key)) for slot, field in self._read[place].items()])
+        others = tuple([(other, self.controls[other].of(key)) for other in system.mentions[place]])
         stopping = self.stopping(key)
         for choice in self._choices[place][stopping]:
-            found = contents | dict(choice.contents)
+            slots, request, stop = choice
+            contents = kept + slots
             outcome = system.outcome(
                 Given(
-                    place,
-                    control,
-                    variables,
-                    elapsed_ns,
-                    tuple(found.items()),
-                    others,
-                    choice.request,
-                    stopping or choice.stop,
+                    *(place, control, variables, elapsed_ns),
+                    *(contents, others, request, stopping or stop),
                 )
             )
-            yield choice, found, outcome
+            yield choice, contents, outcome
 
     def _effect(
-        self, place: int, outcome: RingletOutcome, choice: Choice, found: dict[str, int]
+        self,
+        place: int,
+        outcome: RingletOutcome,
+        choice: Choice,
+        contents: tuple[tuple[str, int], ...],
     ) -> Effect:
-        name, fields = self.system.names[place], self.fields
-        values: dict[FieldName, int] = {
-            ("control", name): outcome.control,
-            ("variables", name): outcome.variables,
-        }
-        if outcome.restarted and self._elapsed[place].most:
-            values["elapsed", name] = 0
+        controls, variables = self.controls[place], self._variables[place]
+        mask, name = self._own[place], self.system.names[place]
+        if outcome.control > controls.most:
+            self._put(("control", name), outcome.control)
+        if outcome.variables > variables.most:
+            self._put(("variables", name), outcome.variables)
+        bits = outcome.control << controls.shift | outcome.variables << variables.shift
+        if outcome.restarted:
+            mask |= self._elapsed[place].mask
+        values: dict[FieldName, int] = {}
         for other, its in outcome.others:
             values["control", self.system.names[other]] = its
         for slot, content in (*choice.contents, *outcome.posts):
-            if ("slot", slot) in fields:
+            if slot in self._slots:
                 values["slot", slot] = content
-        if self._named:
-            for sensor, slot in self.system.reads[place].items():
-                if (field := ("seen", f"{name}.{sensor}")) in fields:
-                    values[field] = found[slot]
+        for field, slot in self._seen[place]:
+            values[field] = dict(contents)[slot]
         if choice.stop:
             values["stop", ""] = 1
         if outcome.error:
             values["failed", ""] = outcome.error
-        bits = sum(self._put(field, value) for field, value in values.items())
-        return self.packing.all & ~self.packing.mask(values), bits
+        if values:
+            mask |= self.packing.mask(values)
+            bits |= sum(self._put(field, value) for field, value in values.items())
+        return self.packing.all & ~mask, bits
 
-    def _tick_filler(self, place: int) -> Callable[[int], tuple[int, ...]]:
+    def _tick_filler(self, place: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
+        keep = self.packing.all & ~field.mask
 
-        def added(key: int) -> tuple[int, ...]:
-            steps = time_model.steps(field.of(key), self._limits(place, key))
-            return tuple(step << field.shift for step in steps)
+        def passed(key: int) -> tuple[int, tuple[Effect, ...]]:
+            number = field.of(key)
+            steps = time_model.steps(number, self._limits(place, key))
+            return 1, tuple((keep, number + step << field.shift) for step in steps)
 
-        return added
+        return passed
 
     def initial(self) -> int:
         """Return the initial state."""
@@ -335,7 +377,11 @@ class Tables:
             )
         )
 
-    def _loaded_filler(self, place: int) -> Callable[[int], bool]:
+    def _is_sound(self, place: int) -> Callable[[int], bool]:
+        codes, field = self.system.ringlets.controls[place], self.controls[place]
+        return lambda key: not codes.values[field.of(key)].failed
+
+    def _is_loaded(self, place: int) -> Callable[[int], bool]:
         codes, field = self.system.ringlets.controls[place], self.controls[place]
         return lambda key: bool(codes.values[field.of(key)].loaded)
 
@@ -343,7 +389,7 @@ class Tables:
         """Check that the execution may end in a state."""
         if state & self.failed.mask:
             return True
-        return turn == 0 and all(table[state & mask] for mask, table in self._dispensable)
+        return turn == 0 and all(each.effects(state) for each in self._dispensable)
 
     def asked_to_end(self, state: int) -> dict[str, tuple[LastAsk, ...]]:
         """List the requests, as a round is over, without which it does not end in a state."""

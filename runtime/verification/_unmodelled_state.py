@@ -3,10 +3,11 @@
 The tables of ringlets are right only if each ringlet does the same whenever it is given the same.
 Two checks at the end of an exploration look for code that breaks this:
 
-*Determinism* (`check_determinism`). Every kept ringlet is run again: in another order, with copies
-of messages, and with shuffled sets. Code that reads random numbers, globals or the order of a set
-then does something else, sooner or later. A clock or a file may not change meanwhile, so each
-ringlet is also run once under a profile hook that finds calls that read them.
+*Determinism* (`check_determinism`). Ringlets are run again: in another order, with copies of
+messages, and with shuffled sets. Code that reads random numbers, globals or the order of a set then
+does something else, sooner or later. A clock or a file may not change meanwhile, so this is done
+under a profile hook that finds calls that read them. Where each state is a ringlet of its own, that
+would take longer than the exploration: of many ringlets, a sample is run again.
 
 *State elsewhere* (`UnmodelledState`). What the code names is compared before and after: globals,
 class attributes, variables of functions around it, defaults; and likewise for the functions and
@@ -23,9 +24,8 @@ import random
 import sys
 from collections import deque
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Set
-from contextlib import suppress
 from functools import partial
-from itertools import pairwise, zip_longest
+from itertools import islice, pairwise, zip_longest
 from types import FrameType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any, Final, NamedTuple, cast
 
@@ -34,12 +34,14 @@ from llfsm.runtime.engine.events import Eval, Event, Section
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import defined_ringlet
+from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.expressions.purity import reaches_outside, reads_outside
 from llfsm.runtime.expressions.reads import names_in
-from llfsm.runtime.verification._ringlets import Ringlets
+from llfsm.runtime.verification._ringlets import GiveTurns, Ringlets
 from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
 from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
+from llfsm.runtime.verification.values import shuffled
 
 _LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
 _MACHINES: Final = os.path.join(_LLFSM, "machines", "")
@@ -52,6 +54,7 @@ _LIBRARIES: Final = (
 _ATOMS: Final = (int, str, bool, bytes, complex, type(None))
 _UNSEEN: Final = ("logging", "linecache", "tokenize", "llfsm.whiteboard", "llfsm.runtime")
 """Modules that read a clock or files for reports, which no code of a machine sees."""
+_SHUFFLING: Final = shuffled.__module__
 _STANDARD: Final = sys.stdlib_module_names
 _TRIES = 20
 _LEAST = 1_000
@@ -68,27 +71,35 @@ def check_determinism(ringlets: Ringlets, kept: Iterable[tuple[Given, RingletOut
     code may depend on which they are.
     """
     each = list(kept)
-    for given, _ in each:
-        if call := _outside_call(ringlets, given):
+    chance = random.Random(0)
+    chance.shuffle(each)
+    different = []
+    for given, before in each:
+        after, call = _watched(ringlets, given)
+        if call:
             raise VerificationError(
                 f"{ringlets.seats[given.place].name}, {call}: only variables, sensors and the time "
                 f"in the state, as by after_ms, can be explored"
             )
-    again = each * max(1, _LEAST // max(1, len(each)))
-    random.Random(0).shuffle(again)
-    for given, before in again:
-        if _again(ringlets, given) != before:
-            raise VerificationError(
-                f"{_place(ringlets, given)} did not do the same again in the same situation: does "
-                f"it read what machines share, compare messages with `is`, or depend on a set's "
-                f"order? Only variables, sensors and the time in the state can be explored"
-            )
+        if after != before:
+            different.append(given)
+    again = each * (_LEAST // max(1, len(each)))
+    chance.shuffle(again)
+    different += islice((given for given, before in again if _again(ringlets, given) != before), 1)
+    if different:
+        raise VerificationError(
+            f"{_place(ringlets, different[0])} did not do the same again in the same situation: "
+            f"does it read what machines share, compare messages with `is`, or depend on a set's "
+            f"order? Only variables, sensors and the time in the state can be explored"
+        )
 
 
-def _again(ringlets: Ringlets, given: Given) -> RingletOutcome | None:
+def _again(
+    ringlets: Ringlets, given: Given, turns: GiveTurns | None = None
+) -> RingletOutcome | None:
     """Run a ringlet; return None if it asks about a machine about which it did not ask before."""
     try:
-        return ringlets.run_ringlet(given, copied=True)
+        return ringlets.run_ringlet(given, copied=True, turns=turns)
     except UnknownControlError:
         return None
 
@@ -104,8 +115,8 @@ def _place(ringlets: Ringlets, given: Given) -> str:
     return f"{ringlets.seats[given.place].name}, state {state},"
 
 
-def _outside_call(ringlets: Ringlets, given: Given) -> str:
-    """Run a ringlet; return the place of its first call of a clock or the like, "" if none."""
+def _watched(ringlets: Ringlets, given: Given) -> tuple[RingletOutcome | None, str]:
+    """Run a ringlet as `_again`; find its first call of a clock or the like."""
     calls: list[str] = []
 
     def watch(frame: FrameType, event: str, function: Any) -> None:
@@ -121,6 +132,8 @@ def _outside_call(ringlets: Ringlets, given: Given) -> str:
             return
         inner, outer = frame, frame.f_back
         while outer is not None and outer.f_code is not defined_ringlet.__code__:
+            if outer.f_globals.get("__name__") == _SHUFFLING:
+                return  # a shuffled set, which shuffles
             inner, outer = outer, outer.f_back
         if outer is not None:
             running = outer.f_locals
@@ -129,17 +142,18 @@ def _outside_call(ringlets: Ringlets, given: Given) -> str:
             where = f"{inner.f_code.co_filename}:{inner.f_lineno}"
             calls.append(f"state {state}, {step}, calls {name} ({where})")
 
-    before, collects = sys.getprofile(), gc.isenabled()
-    gc.disable()  # what is called when garbage is collected is not the machine's code
-    sys.setprofile(watch)
-    try:
-        with suppress(UnknownControlError):  # which is found when it is run again
-            ringlets.run_ringlet(given)
-    finally:
-        sys.setprofile(before)
-        if collects:
-            gc.enable()
-    return calls[0] if calls else ""
+    def turns(seats: Iterable[Seat]) -> bool:
+        before, collects = sys.getprofile(), gc.isenabled()
+        gc.disable()  # what is called when garbage is collected is not the machine's code
+        sys.setprofile(watch)
+        try:
+            return ringlets.kernel.give_turns(seats)
+        finally:
+            sys.setprofile(before)
+            if collects:
+                gc.enable()
+
+    return _again(ringlets, given, turns), calls[0] if calls else ""
 
 
 def _steps(ringlets: Ringlets, given: Given) -> list[tuple[str, object]]:
@@ -208,7 +222,7 @@ class UnmodelledState:
         look = _Look({os.path.dirname(file) for file in files if not file.startswith(_LLFSM)})
         for name, (cls, *values) in self._machines.items():
             look.machine = name
-            look.follow([cls, *map(type, values)])
+            look.follow([cls, *values])
         return look
 
 
@@ -258,6 +272,10 @@ class _Look:
                 yield from (value.__func__, getattr(value, "__self__", None))
             case _:
                 yield from (type(value), getattr(value, "__wrapped__", None))
+                if isinstance(value, dict | list | tuple | deque | set | frozenset):
+                    yield from _parts_of(value) or ()
+                elif self._is_own_data(value):
+                    yield from _attributes_of(value)
 
     def _named_in(self, function: FunctionType) -> Iterator[Any]:
         names, scope = names_in(function.__code__), function.__globals__

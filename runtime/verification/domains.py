@@ -8,12 +8,13 @@ variables and slots. A domain lists the messages that the environment may put in
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from enum import Enum
+from contextlib import suppress
+from enum import EJECT, KEEP, Enum, Flag
 from functools import lru_cache
-from itertools import product
+from itertools import chain, product
 from math import prod
 from types import MemberDescriptorType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, overload
 
 import msgspec
 
@@ -23,30 +24,41 @@ from llfsm.runtime.engine.kernel import Factory
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import MOST, messages_of_domain
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
+from llfsm.runtime.verification.values import UnknownValueError, freeze
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Control
     from llfsm.whiteboard import Slot
 
+T = TypeVar("T")
 
+
+@overload
+def every(kind: type[T]) -> tuple[T, ...]: ...
+@overload
+def every(kind: Any) -> tuple[Any, ...]: ...
 def every(kind: Any) -> tuple[Any, ...]:
-    """List every value of a type, for use as a domain.
+    """List every value of a type, each once, for use as a domain: all that a board would accept.
 
     Types are bool, None, enums, literals, integers with both bounds (``Annotated[int,
-    msgspec.Meta(ge=0, le=9)]``), and unions, fixed tuples and messages of these. Raise
-    `DomainError` for any other type, and for more than 100,000 values.
+    msgspec.Meta(ge=0, le=9)]``), and unions, fixed tuples and messages of these. A flag has all its
+    combinations, also none. Raise `DomainError` for any other type, and for more than 100,000
+    values.
     """
+    name = _name(kind)
     try:
         info = msgspec.inspect.type_info(kind)
-    except TypeError as error:
-        raise DomainError(f"every({_name(kind)}): {error}") from None
-    number = _count(info, _name(kind))
-    if number > MOST:
-        raise DomainError(
-            f"every({_name(kind)}) has {number} values: list those that matter, as in "
-            f"sensors={{SLOT: [message, ...]}}"
-        )
-    return tuple(_values(info))
+        number = _count(info, name)
+        if number > MOST:
+            raise DomainError(
+                f"every({name}) has {number} values: list those that matter, as in "
+                f"sensors={{SLOT: [message, ...]}}"
+            )
+        return _values(info, name)
+    except (TypeError, ValueError) as error:
+        raise DomainError(f"every({name}): {error}") from error
+    except RecursionError:
+        raise DomainError(f"every({name}): it contains itself, so it {_ENDLESS}") from None
 
 
 def messages_of(slot: Slot[Any], domain: Iterable[Any], where: str) -> tuple[Any, ...]:
@@ -70,15 +82,21 @@ def _bounds(info: msgspec.inspect.IntType) -> range | None:
     return range(-(-low // step) * step, high + 1, step)
 
 
+_ENDLESS: Final = "has too many values to list: list the messages that matter instead"
+
+
 def _count(info: msgspec.inspect.Type, what: str) -> int:
+    """Count the values of a type, some twice; raise `DomainError` if there is no list of them."""
     inspect = msgspec.inspect
     match info:
+        case inspect.Metadata(type=inner):
+            return _count(inner, what)
         case inspect.BoolType():
             return 2
         case inspect.NoneType():
             return 1
         case inspect.EnumType(cls=cls):
-            return len(cls)
+            return _count_members(cls, what)
         case inspect.LiteralType(values=values):
             return len(values)
         case inspect.IntType():
@@ -90,37 +108,117 @@ def _count(info: msgspec.inspect.Type, what: str) -> int:
                 )
             return len(bounds)
         case inspect.UnionType(types=types):
+            numbers = [each for each in types if isinstance(each, inspect.IntType)]
+            if len(numbers) > 1 or (numbers and any(_has_number(each) for each in types)):
+                raise DomainError(
+                    f"every({what}): what a board accepts for an int of two ranges is not their "
+                    f"union: declare one range, or list the messages that matter"
+                )
             return sum(_count(each, what) for each in types)
         case inspect.TupleType(item_types=types):
             return prod(_count(each, what) for each in types)
         case inspect.StructType(fields=fields):
             return prod(_count(f.type, f"{what}.{f.name}") for f in fields)
-    kind = type(info).__name__.removesuffix("Type").lower()
-    raise DomainError(f"every({what}): a {kind} has no end of values: list the messages instead")
+    kind = getattr(info, "cls", None)
+    text = type(info).__name__.removesuffix("Type").lower() if kind is None else _name(kind)
+    raise DomainError(f"every({what}): the type {text} {_ENDLESS}")
 
 
-def _values(info: msgspec.inspect.Type) -> Iterator[Any]:
+def _has_number(info: msgspec.inspect.Type) -> bool:
+    values = info.values if isinstance(info, msgspec.inspect.LiteralType) else ()
+    return any(type(value) is int for value in values)
+
+
+def _count_members(cls: type[Enum], what: str) -> int:
+    """Count what a board takes for a member, for which it asks the class, too (`_missing_`)."""
+    known = Flag if issubclass(cls, Flag) else Enum
+    if getattr(cls._missing_, "__func__", None) is not vars(known)["_missing_"].__func__:
+        raise DomainError(
+            f"every({what}): {cls.__qualname__}._missing_ may accept more than its members: list "
+            f"the messages that matter instead"
+        )
+    if not issubclass(cls, Flag):
+        return len(cls)
+    if getattr(cls, "_boundary_") in (KEEP, EJECT):  # noqa: B009, of which typeshed says nothing
+        raise DomainError(
+            f"every({what}): {cls.__qualname__} accepts any number: declare it with "
+            f"boundary=enum.STRICT, or list the messages that matter"
+        )
+    return 1 << _mask_of(cls).bit_count()
+
+
+def _mask_of(cls: type[Flag]) -> int:
+    mask: int = getattr(cls, "_flag_mask_")  # noqa: B009, of which typeshed says nothing
+    return mask
+
+
+def _members(cls: type[Enum]) -> Iterator[Enum]:
+    if not issubclass(cls, Flag):
+        yield from cls
+        return
+    mask = number = _mask_of(cls)
+    while True:  # through all numbers that have no bits but those of the mask
+        with suppress(ValueError):  # as half of a name of two bits
+            yield cls(mask ^ number)
+        if number == 0:
+            return
+        number = (number - 1) & mask
+
+
+def _values(info: msgspec.inspect.Type, what: str) -> tuple[Any, ...]:
+    """List the values of a type that `_count` could count, each once."""
     inspect = msgspec.inspect
+    found: Iterable[Any] = ()
     match info:
+        case inspect.Metadata(type=inner):
+            return _values(inner, what)
         case inspect.BoolType():
-            yield from (False, True)
+            found = (False, True)
         case inspect.NoneType():
-            yield None
+            found = (None,)
         case inspect.EnumType(cls=cls):
-            members: type[Enum] = cls
-            yield from members
+            found = _members(cls)
         case inspect.LiteralType(values=values):
-            yield from values
+            found = values
         case inspect.IntType():
-            yield from _bounds(info) or ()
+            found = _bounds(info) or ()
         case inspect.UnionType(types=types):
-            for each in types:
-                yield from _values(each)
+            found = chain(*(_values(each, what) for each in types))
         case inspect.TupleType(item_types=types):
-            yield from product(*map(_values, types))
+            found = product(*(_values(each, what) for each in types))
         case inspect.StructType(fields=fields):
-            for row in product(*(list(_values(f.type)) for f in fields)):
-                yield info.cls(**{f.name: value for f, value in zip(fields, row, strict=True)})
+            rows = product(*(_field_domain(f, f"{what}.{f.name}") for f in fields))
+            found = _made(info.cls, [f.name for f in fields], rows)
+    return tuple({freeze(value): value for value in found}.values())
+
+
+def _field_domain(field: msgspec.inspect.Field, what: str) -> tuple[Any, ...]:
+    """List the values of a field; raise `DomainError` if its default is none of them.
+
+    A board reads the default, of whatever type, where the fields at the end are left out.
+    """
+    found, default = _values(field.type, what), field.default
+    if field.default_factory is not msgspec.NODEFAULT:
+        default = field.default_factory()
+    if default is not msgspec.NODEFAULT and not _is_in(default, found):
+        raise DomainError(
+            f"every({what}): its default {default!r} is not of its type: change it, or list the "
+            f"messages that matter"
+        )
+    return found
+
+
+def _is_in(value: Any, found: Iterable[Any]) -> bool:
+    try:
+        return freeze(value) in map(freeze, found)
+    except UnknownValueError:
+        return False
+
+
+def _made(cls: type, names: list[str], rows: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+    for row in rows:
+        with suppress(TypeError, ValueError):  # of `__post_init__`, by which a board refuses, too
+            yield cls(**dict(zip(names, row, strict=True)))
 
 
 _SUSPENDED = "Suspended"
@@ -213,14 +311,18 @@ def domain_of(slot: Slot[Any], given: Any) -> tuple[Any, ...]:
 
 def _field_values(slot: Slot[Any], name: str, given: Any) -> list[Any]:
     """List the values of a field, as plain data."""
-    fields = {field.encode_name: field for field in msgspec.structs.fields(slot.type)}
+    info: Any = msgspec.inspect.type_info(slot.type)
+    fields = {field.encode_name: field for field in info.fields}
     if name not in fields:
         raise DomainError(
             f"the domain of {slot.name!r} names a field {name!r}, which {slot.type.__qualname__} "
             f"does not have; it has: {', '.join(fields) or 'none'}{did_you_mean(name, fields)}"
         )
     if given == _EVERY:
-        return [msgspec.to_builtins(value) for value in every(fields[name].type)]
+        what = f"{slot.type.__qualname__}.{name}"
+        if _count(fields[name].type, what) > MOST:
+            raise DomainError(f"every({what}): its type {_ENDLESS}")
+        return [msgspec.to_builtins(value) for value in _field_domain(fields[name], what)]
     if not isinstance(given, list):
         raise DomainError(
             f"the domain of {slot.name!r} has {given!r} for {name!r}: it must be {_EVERY!r} or a "

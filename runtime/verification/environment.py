@@ -50,6 +50,8 @@ class ControlState(NamedTuple):
     loaded: bool
     begun: bool
     """True once it has had a turn."""
+    failed: bool = False
+    """True if its code has raised, it was suspended for that, and not resumed since."""
 
     @classmethod
     def of(cls, seat: Seat) -> Self:
@@ -62,6 +64,7 @@ class ControlState(NamedTuple):
             seat.accepted,
             seat.taken,
             seat.entered_ns != NEVER,
+            seat.failure is not None,
         )
 
     def withdrawn_by(self, request: Request | None) -> bool:

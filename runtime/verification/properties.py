@@ -5,20 +5,20 @@ A property's function gets a `View` of a state, as in `v.Timer.minutes`, `v[MOTO
 all states that agree in the fields that it reads. A view shows wrong names as errors, also those of
 states, which are compared as texts: a misspelt name would make a property hold for no reason.
 
-A `Verdict` has the shortest way to a violation as a `Witness`: data from which
-`llfsm.runtime.counterexamples` makes scripts, tables and tests.
+A `Verdict` has a shortest way to a violation as a `Witness`, at any time a short one: data from
+which `llfsm.runtime.counterexamples` makes scripts, tables and tests.
 """
 
 from __future__ import annotations
 
 import dis
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import dropwhile
 from math import inf
 from types import CodeType, FrameType, MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.engine.events import Request
@@ -55,6 +55,14 @@ class ChosenTurn(NamedTuple):
     """True if a suspend is asked for before the request: a resume alone replaces no restart."""
 
 
+class Region(NamedTuple):
+    """A region with no way out, which a counterexample enters after so many `turns`."""
+
+    turns: int
+    states: int
+    """The states that can follow then, the first included."""
+
+
 class Witness(NamedTuple):
     """A way from the initial state: `turns`, and those that complete the last round, or the first.
 
@@ -66,6 +74,8 @@ class Witness(NamedTuple):
     rest: tuple[ChosenTurn, ...]
     loop: int | None = None
     at_end: Mapping[str, tuple[LastAsk, ...]] = MappingProxyType({})
+    region: Region | None = None
+    """Of `always_possible`: where it goes into a region with no way out."""
 
     def lines(self) -> Iterator[str]:
         """Write the changes of the environment before each turn, in a line."""
@@ -89,10 +99,29 @@ class Witness(NamedTuple):
         yield from self.end_lines()
 
     def end_lines(self) -> Iterator[str]:
-        """Write the requests when the last round is over, in a line for each machine."""
+        """Write the requests when the last round is over, a line each, and describe the region."""
         for name, asks in self.at_end.items():
             news = ", ".join(f"{ask} is asked for" for ask in asks)
             yield f"at the end of the round, {name}: {news}"
+        if self.region is not None:
+            turns, states = self.region
+            since = f"after turn {turns}" if turns else "from the beginning"
+            size = "one state" if states == 1 else f"{states:,} states"
+            yield f"no way leads to it {since}: {size} can follow"
+
+
+_SCREEN = 24
+T = TypeVar("T")
+
+
+def on_a_screen(lines: Sequence[T], gap: Callable[[int], T]) -> list[T]:
+    """Leave lines in the middle out that no screen has room for; `gap` makes one of their number.
+
+    Two thirds of the others are the last ones, which show what is wrong.
+    """
+    left = len(lines) - _SCREEN
+    first = _SCREEN // 3
+    return [*lines] if left <= 0 else [*lines[:first], gap(left), *lines[first + left :]]
 
 
 class Situation(Protocol):
@@ -187,10 +216,10 @@ class View:
 class MachineView:
     """A machine: its `state`, its variables, and what its sensors found in its last turn.
 
-    `suspended`, `accepted` and `loaded` are True or False. A state compares with names and with
-    `State` objects; a name that the machine's states do not have is an error. So is to look a state
-    up by its hash, but in a set of names that is written out, as in `v.Door.state in {"OPEN",
-    "SHUT"}`.
+    `suspended`, `accepted`, `loaded` and `has_failed` are True or False. A state compares with
+    names and with `State` objects; a name that the machine's states do not have is an error. So is
+    to look a state up by its hash, but in a set of names that is written out, as in
+    `v.Door.state in {"OPEN", "SHUT"}`.
     """
 
     def __init__(self, situation: Situation, name: str):
@@ -220,6 +249,11 @@ class MachineView:
         """True unless it has been unloaded."""
         return self._control("loaded").loaded
 
+    @property
+    def has_failed(self) -> bool:
+        """True if its code has raised, and it was not resumed since (``on_error="suspend"``)."""
+        return self._control("has_failed").failed
+
     def _control(self, asked: str) -> ControlState:
         table = type(self._situation.seats[self._name].machine).table
         if asked in table.variables or asked in table.sensors:
@@ -237,7 +271,15 @@ class MachineView:
         variables = self._situation.variables(self._name)
         if name in variables:
             return deepcopy(variables[name])
-        known = ["state", "suspended", "accepted", "loaded", *table.sensors, *variables]
+        known = [
+            "state",
+            "suspended",
+            "accepted",
+            "loaded",
+            "has_failed",
+            *table.sensors,
+            *variables,
+        ]
         raise PredicateError(
             f"{self._name} has no {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
         )
@@ -300,7 +342,11 @@ Predicate: TypeAlias = Callable[[Any], bool]
 """A function of a `View`; Any, as a view's machines and their variables have no types of theirs."""
 StepPredicate: TypeAlias = Callable[[Any, Any], bool]
 """A function of the views before and after a turn."""
-Kind: TypeAlias = Literal["never", "always", "reachable", "step", "leads_to"]
+Kind: TypeAlias = Literal[
+    "never", "always", "reachable", "step", "leads_to", "eventually_always", "always_possible"
+]
+LIVENESS: Final = ("leads_to", "eventually_always", "always_possible")
+"""The kinds that are decided once all states are known."""
 
 
 class Property(NamedTuple):
@@ -310,7 +356,7 @@ class Property(NamedTuple):
     functions: tuple[Callable[..., bool], ...]
     name: str
     assuming: tuple[Predicate, ...] = ()
-    """Of `leads_to`: predicates that hold again and again."""
+    """Of `leads_to` and `eventually_always`: predicates that hold again and again."""
     within_ms: float | None = None
     """Of `leads_to`: the milliseconds that it may take; None for any time."""
     monitor: type[Machine] | None = None
@@ -323,9 +369,9 @@ class Property(NamedTuple):
 class Verdict(NamedTuple):
     """The result for a property.
 
-    `holds` is None if the exploration ended before that was known. `witness` is the shortest way
-    to a violation or, for `reachable`, to a state that was to be reached. A `vacuous` property
-    holds only because its trigger never does.
+    `holds` is None if the exploration ended before that was known. `witness` is a shortest way
+    to a violation or, for `reachable`, to a state that was to be reached; a short one, if any time
+    may pass. A `vacuous` property holds only because its trigger never does.
     """
 
     property: Property
@@ -364,7 +410,7 @@ def step(predicate: StepPredicate, name: str | None = None) -> Property:
 
 def leads_to(
     trigger: Predicate,
-    response: Predicate,
+    response: Predicate | Iterable[Predicate],
     name: str | None = None,
     *,
     within_ms: float | None = None,
@@ -372,12 +418,19 @@ def leads_to(
 ) -> Property:
     """Require that every state that satisfies `trigger` is or leads to one with `response`.
 
-    It must come within `within_ms` milliseconds, counted by the periods that pass, or else at
-    some time: there must be no cycle without it. Of the cycles only those count in which each
-    function of `assuming` holds somewhere. An execution that ends without it violates it, too,
-    if the assumptions hold in its last state. Raise `PredicateError` for both of them together.
+    Several responses must come one after the other; a state may be more than one of them. The last
+    must come within `within_ms` milliseconds, counted by the periods that pass, or else at some
+    time: there must be no cycle without it. Of the cycles only those count in which each function
+    of `assuming` holds somewhere. An execution that ends without it violates it, too, if the
+    assumptions hold in its last state. If any time may pass between rounds, `within_ms` must be
+    given, and only what comes in the same round is in time: the next one may begin too late.
+
+    Raise `PredicateError` for no response, and for `within_ms` together with `assuming`.
     """
-    assumed = (assuming,) if callable(assuming) else tuple(assuming)
+    responses = (response,) if callable(response) else tuple(response)
+    if not responses:
+        raise PredicateError("leads_to needs a response: a function, or several in their order")
+    assumed = _assumed("leads_to", assuming)
     if within_ms is not None and assumed:
         raise PredicateError(
             "leads_to has within_ms or assuming, not both: what happens again and again may take "
@@ -385,10 +438,33 @@ def leads_to(
         )
     if within_ms is not None and not (isinstance(within_ms, int | float) and 0 <= within_ms < inf):
         raise PredicateError(f"within_ms is {within_ms!r}; it must be a number, 0 or more")
-    prop = _property("leads_to", name, trigger, response)
-    for function in assumed:
-        _check_function("leads_to(..., assuming=...)", function)
+    prop = _property("leads_to", name, trigger, *responses)
     return prop._replace(assuming=assumed, within_ms=within_ms)
+
+
+def eventually_always(
+    predicate: Predicate,
+    name: str | None = None,
+    *,
+    assuming: Predicate | Iterable[Predicate] = (),
+) -> Property:
+    """Require that in every execution `predicate` holds for ever from some point on.
+
+    So there must be no cycle in which it fails somewhere; of the cycles only those count in which
+    each function of `assuming` holds somewhere. It must hold in the last state of an execution that
+    ends, too, if the assumptions do.
+    """
+    prop = _property("eventually_always", name, predicate)
+    return prop._replace(assuming=_assumed("eventually_always", assuming))
+
+
+def always_possible(predicate: Predicate, name: str | None = None) -> Property:
+    """Require that from every state some way leads to one that satisfies `predicate`.
+
+    Nobody need take that way: an environment that never helps is no violation, but a region
+    without a way out is.
+    """
+    return _property("always_possible", name, predicate)
 
 
 def monitor(
@@ -424,10 +500,23 @@ NO_FAILURE: Final = Property("never", (), "no machine's code raises")
 """The property that is always checked."""
 
 
+def some_failed(view: View) -> bool:
+    """Check for a machine that was suspended because its code raised."""
+    situation = view._situation
+    return any(situation.control(name).failed for name in situation.seats)
+
+
 def _property(kind: Kind, name: str | None, *functions: Callable[..., bool]) -> Property:
     for function in functions:
         _check_function(kind, function)
     return Property(kind, functions, name or f"{kind}({', '.join(map(_text_of, functions))})")
+
+
+def _assumed(kind: Kind, assuming: Predicate | Iterable[Predicate]) -> tuple[Predicate, ...]:
+    assumed = (assuming,) if callable(assuming) else tuple(assuming)
+    for function in assumed:
+        _check_function(f"{kind}(..., assuming=...)", function)
+    return assumed
 
 
 def _check_function(what: str, function: object) -> None:

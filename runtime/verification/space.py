@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
+from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple, TextIO
 
@@ -22,10 +23,11 @@ from llfsm.runtime.verification.errors import PredicateError, VerificationError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
 from llfsm.runtime.verification.values import message_text
 
+VERDICTS: Final = {True: "holds", False: "violated", None: "undecided"}
 _MANY = 1_000
-"""Values of a variable, or periods of a wait, that make for many states."""
-_OF_STATES: Final = ("never", "always", "reachable")
-"""The kinds of properties that are of one state."""
+"""Values of a variable, or periods of a wait, that make for many states by themselves."""
+_OF_STATES: Final = ("never", "always", "reachable", "eventually_always", "always_possible")
+"""The kinds of properties that have one function, of a state."""
 
 
 class Progress(NamedTuple):
@@ -63,8 +65,10 @@ class Space:
         seconds: float,
         *,
         ringlets: int,
+        repeated: int,
         complete: bool,
         cut: bool,
+        short_of_memory: bool,
     ):
         self.states = search.states
         """The number of states that can be reached."""
@@ -72,18 +76,21 @@ class Space:
         """The number of transitions between them."""
         self.ringlets = ringlets
         """The number of ringlets that were run; all others were looked up."""
+        self.repeated = repeated
+        """The number of these that were run again, to see whether they do the same."""
         self.depth = len(search.levels) - 1
         """The number of turns after which no state is new."""
         self.seconds = seconds
         self.complete = complete
         """True if all states were found, and each ringlet does the same again."""
         self.cut = cut
-        """True if Ctrl-C or `max_seconds` has ended it before all was decided."""
+        """True if Ctrl-C, `max_seconds` or a lack of memory has ended it before all was decided."""
+        self.short_of_memory = short_of_memory
+        """True if it was ended because little memory was left."""
         self.verdicts = verdicts
-        self.unreached = tuple(system.unreached())
-        """The states that no machine comes into, as "Machine.STATE"."""
-        self.untaken = tuple(system.untaken())
-        """The transitions that never fire, as "Machine.STATE -> TARGET: label"."""
+        self.unreached, self.untaken = system.left_out()
+        """The states that no machine comes into, as "Machine.STATE", and the transitions that never
+        fire, as "Machine.STATE -> TARGET: label"."""
         self.values = system.values()
         """The number of values that each variable has had, by "Machine.variable", most first."""
         self.members = members
@@ -93,28 +100,48 @@ class Space:
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
         self.unload_accepting = system.ringlets.kernel.unload_accepting
+        self.on_error = system.ringlets.kernel.on_error
         self.search = search
         """The states themselves, packed, and the turns from one to the next."""
         self._system = system
 
     def hints(self) -> Iterator[str]:
-        """Give reasons for many states, and remedies, a line each."""
-        variable, number = next(iter(self.values.items()), ("", 0))
-        if number >= _MANY:
+        """Give reasons for many states, and remedies, a line each.
+
+        What has grown while the second half of the states was found will grow on; if nothing has,
+        the reason is what has most values. Name the longest wait, too, if it has as many periods.
+        """
+        system, (states, half) = self._system, self.search.half()
+        posts = {f"slot {slot}": number for slot, number in system.posts().items()}
+        numbers = self.values | posts
+        before = system.values(half) | {f"slot {n}": each for n, each in system.posts(half).items()}
+        growth = {name: number / max(1, before.get(name, 0)) for name, number in numbers.items()}
+        most = max(numbers, key=lambda name: (growth[name], numbers[name]), default="")
+        number = numbers.get(most, 0)
+        place, limit_ns = system.longest_wait()
+        periods = limit_ns // (system.time_model.period_ns or inf)
+        if number >= _MANY or growth.get(most, 1) > 1 or number > max(1, periods):
+            trend = f"; {before.get(most, 0):,} in the first {states:,} states"
             yield (
-                f"{variable} has had {number:,} values: bound it, or replace it after each turn "
-                f"(--abstract, abstract=)"
+                f"{most} has had {number:,} values: bound it, or replace it after each turn "
+                f"(--abstract, abstract=)" + (trend if growth[most] > 1 else "")
             )
-        period_ns = self._system.time_model.period_ns
-        if period_ns is None:
-            return
-        place, limit_ns = self._system.longest_wait()
-        if limit_ns // period_ns >= _MANY:
+        if periods >= _MANY or periods >= max(1, number):
             yield (
                 f"{place} asks whether {limit_ns / 1e6:,.10g} ms have passed, which is "
-                f"{limit_ns // period_ns:,} periods: give a longer period, "
+                f"{periods:,.0f} periods: give a longer period, "
                 f"let any time pass (--any-time, any_time=True), or let the machine wait less"
             )
+
+    def _repr_html_(self) -> str:
+        """Return the verdicts, and after how many turns one is violated, for a notebook."""
+        from llfsm.whiteboard.message_text import html_table  # here, as few spaces are in one
+
+        rows = [
+            (each.property, VERDICTS[each.holds], len(each.witness.turns) if each.witness else "")
+            for each in self.verdicts
+        ]
+        return html_table(("property", "verdict", "turns"), rows)
 
     def export(self, file: Path) -> None:
         """Write all states to a file: .drn for Storm, .pml for SPIN, .aut for Aldebaran.

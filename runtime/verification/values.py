@@ -12,10 +12,18 @@ from __future__ import annotations
 
 import dataclasses
 import random
-from collections import deque
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from contextlib import suppress
 from copy import deepcopy
-from enum import Enum
+from enum import Enum, Flag
+from functools import cache
+from types import (
+    GetSetDescriptorType,
+    MemberDescriptorType,
+    MethodDescriptorType,
+    WrapperDescriptorType,
+)
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -77,7 +85,12 @@ def plain_kind(value: Any) -> Any:
     return _UNSHUFFLED.get(type(value), type(value))
 
 
-_PLAIN = (bool, int, str, bytes, type(None))
+PLAIN: Final = frozenset((bool, int, str, bytes, type(None)))
+"""The types whose values are part of a key as they are."""
+_IN_C = (WrapperDescriptorType, MethodDescriptorType, GetSetDescriptorType)
+"""The methods and attributes of classes in C, of which nobody knows what their values keep."""
+_PYTHONS = ("__dict__", "__weakref__")
+"""Those that every class has."""
 
 Variables: TypeAlias = tuple[dict[str, Any], bool]
 """A machine's variables by name, and True if any has parts that `freeze` notes."""
@@ -97,6 +110,10 @@ class Codes:
     def __len__(self) -> int:
         return len(self.values)
 
+    def keys(self) -> Iterator[Any]:
+        """Yield the keys in the order of their numbers."""
+        yield from self._codes
+
     def code(self, key: Hashable, value: Any) -> int:
         """Give `key` its number; if it is new, keep `value` for it in `values`."""
         code = self._codes.get(key)
@@ -106,46 +123,59 @@ class Codes:
         return code
 
 
-def freeze(value: Any, note: Callable[[Any], None]) -> Hashable:
+def _ignore(_: Any) -> None:
+    """Note nothing."""
+
+
+def freeze(value: Any, note: Callable[[Any], None] = _ignore) -> Hashable:
     """Make the key of a value; call `note` with each part that can change, or is a frozenset.
 
-    Raise `UnknownValueError` for what is not data, such as a function or a file.
+    Raise `UnknownValueError` for what is not data, such as a function or a file, and for data with
+    more to it than its key would tell.
     """
     kind = plain_kind(value)
-    if kind in _PLAIN:
+    if kind in PLAIN:
         return kind, value
     if kind is float:
         return kind, value.hex()  # which differs for NaN, -0.0 and 0.0
     if isinstance(value, Enum):
-        return kind, value.name, None if value.name is not None else value.value
+        return _freeze_member(kind, value)
     if isinstance(value, tuple):
-        _check_fields(value, ())
-        return kind, _freeze_all(value, note)
+        return kind, _kept(value, tuple, (), note), _freeze_all(tuple.__iter__(value), note)
     if isinstance(value, frozenset):
-        _check_fields(value, ())
         note(value)
-        return kind, frozenset(_freeze_all(value, note))
+        return kind, _kept(value, frozenset, (), note), _freeze_set(frozenset.__iter__(value), note)
     if isinstance(value, msgspec.Struct):
-        _check_fields(value, value.__struct_fields__)
         if not value.__struct_config__.frozen:
             note(value)
-        return kind, _freeze_all((getattr(value, f) for f in value.__struct_fields__), note)
+        return kind, _kept(value, msgspec.Struct, value.__struct_fields__, note)
     note(value)
     if kind is list:
         return kind, _freeze_all(value, note)
     if kind is deque:
         return kind, value.maxlen, _freeze_all(value, note)
     if kind is set:
-        return kind, frozenset(_freeze_all(value, note))
+        return kind, _freeze_set(set.__iter__(value), note)
     if kind is dict:
         return kind, _freeze_all((part for item in value.items() for part in item), note)
     if kind is bytearray:
         return kind, bytes(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = [field.name for field in dataclasses.fields(value)]
-        _check_fields(value, names)
-        return kind, _freeze_all((getattr(value, name) for name in names), note)
+        names = tuple(field.name for field in dataclasses.fields(value))
+        return kind, _kept(value, object, names, note)
     raise UnknownValueError(f"a {kind.__qualname__}")
+
+
+def own_copy(value: Any) -> Any:
+    """Copy data deeply; raise `UnknownValueError` if its class makes something else of that."""
+    copied = deepcopy(value)
+    parts: list[Any] = []
+    others: list[Any] = []
+    same = freeze(value, parts.append) == freeze(copied, others.append)
+    ids = {id(part) for part in others if not isinstance(part, frozenset)}
+    if not same or not ids.isdisjoint(map(id, parts)):
+        raise UnknownValueError(f"a {type(value).__qualname__}, whose copies are not its equals")
+    return copied
 
 
 def other_copy(value: Any) -> Any:
@@ -160,12 +190,60 @@ def other_copy(value: Any) -> Any:
     return deepcopy(value, sets)  # which are taken for copies that were made
 
 
-def _check_fields(value: object, names: Collection[str]) -> None:
-    for name in getattr(value, "__dict__", ()):
+def _freeze_member(kind: type[Enum], member: Enum) -> Hashable:
+    """Make the key of a member of an enum; a flag has more than those that have names."""
+    if kind.__members__.get(member._name_) is member:
+        return kind, member._name_
+    if isinstance(member, Flag):
+        return kind, member._value_, None
+    raise UnknownValueError(f"a {kind.__qualname__} that is not among its members")
+
+
+def _kept(
+    value: Any, base: type, names: tuple[str, ...], note: Callable[[Any], None]
+) -> tuple[Hashable, ...]:
+    """Make keys of all that a value has beside what its `base` has: the fields `names`."""
+    own = getattr(value, "__dict__", {})
+    for name in own:
         if name not in names:
             raise UnknownValueError(
                 f"a {type(value).__qualname__} with {name!r}, which is not a field"
             )
+    parts = [*own.items()]  # in their order, which `vars` shows
+    for name, place in _places(plain_kind(value), base, names):
+        with suppress(AttributeError):  # it is empty
+            parts.append((name, place.__get__(value)))
+    return tuple([(name, freeze(part, note)) for name, part in parts])
+
+
+@cache
+def _places(
+    kind: type, base: type, names: tuple[str, ...]
+) -> tuple[tuple[str, MemberDescriptorType], ...]:
+    """List the places of values of a class, as `__slots__` makes them, beside those of `base`.
+
+    Raise `UnknownValueError` if there is more to them than these, and than attributes.
+    """
+    places: list[tuple[str, MemberDescriptorType]] = []
+    what = f"a {kind.__qualname__}"
+    for cls in kind.__mro__:
+        if cls in base.__mro__:
+            continue
+        for name, value in vars(cls).items():
+            if isinstance(value, MemberDescriptorType):
+                if name not in names:
+                    raise UnknownValueError(f"{what} with {name!r}, which is not a field")
+                places.append((name, value))
+            elif name == "__getattribute__" or (name in names and hasattr(value, "__set__")):
+                raise UnknownValueError(f"{what} with a {name!r} of its own")
+            elif isinstance(value, _IN_C) and value.__objclass__ is cls and name not in _PYTHONS:
+                raise UnknownValueError(f"{what}, which is a {cls.__qualname__}, too")
+    return tuple(places)
+
+
+def _freeze_set(values: Iterable[Any], note: Callable[[Any], None]) -> Hashable:
+    """Make the key of a set, in which unequal values may have equal keys, such as NaN."""
+    return frozenset(Counter(freeze(value, note) for value in values).items())
 
 
 def _freeze_all(values: Iterable[Any], note: Callable[[Any], None]) -> tuple[Hashable, ...]:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import shapes
 from measure import Meter, Side, in_turns
 from table import ALONE_MIB, ALONE_S, BYTES, RATE, SLOWER, Row
 
@@ -41,6 +42,7 @@ def rows(times: int, most: int | None) -> Iterator[Row]:
             Meter("SPIN", "pan", _spin(Path(folder)) if shutil.which("spin") else None),
         ]
         yield Row("  the same states in SPIN", in_turns(meters, times), SLOWER, None)
+        yield from shapes.rows(times, Path(folder), quick=most is not None)
     two = _explored(2, 60_000, most)
     call = f"explore(two ovens), {two['states']:,.0f} states"
     yield Row("  two ovens, 8 machines", [Side("llfsm", call, [1e9 * two["seconds"]])], ALONE_S, 15)

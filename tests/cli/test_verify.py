@@ -10,11 +10,16 @@ from contextlib import chdir, contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from calling import modules_forgotten
 from llfsm.bridges.recording.reader import Recording
+from llfsm.cli.verify import assumed_of
 from llfsm.runtime import ExecutionError
+from llfsm.runtime.plans import Plan, PlannedMachine
 from llfsm.runtime.testing import InvariantError
 
 from .conftest import Llfsm
@@ -42,11 +47,13 @@ def test_what_holds_has_status_0_and_is_counted(llfsm: Llfsm) -> None:
 
 
 COUNTEREXAMPLE = """\
-violated: motor off with an open door
+motor off with an open door: violated
   after 2 turns:
   round  time   machine  saw                                   did        posted
   1      10 ms  Cooker   door.open=False, button.pressed=True  OFF -> ON  motor.on=False
   2      20 ms  Cooker   door.open=True, button.pressed=False  ON -> OFF  motor.on=True
+
+1 of 2 violated: motor off with an open door
 """
 
 
@@ -60,7 +67,7 @@ def test_code_that_raises_is_shown_recorded_and_tested(llfsm: Llfsm) -> None:
     files = ("--record", "x.mcap", "--pytest", "test_x.py")
     done = verify(llfsm, *files, machine="Broken")
     assert done.returncode == 1
-    assert "violated: no machine's code raises\n  after 2 turns:" in done.stdout
+    assert "no machine's code raises: violated\n  after 2 turns:" in done.stdout
     assert "ON -> OFF, fails in OnExit: ValueError('burnt out')" in done.stdout
     assert llfsm.run("rerun", "x.mcap", f"{OVEN}:Broken").returncode == 0
     with importable(HERE):
@@ -368,3 +375,199 @@ def test_a_file_that_cannot_be_verified(
     done = llfsm.run("verify", "left.toml")
     assert done.returncode == 2
     assert message in done.stderr
+
+
+LONG = """
+from llfsm.runtime import Machine, State
+from llfsm.runtime.verification import always_possible
+
+
+class Blink(Machine):
+    on, off, out = State(), State(), State()
+    times: int = 0
+
+    @off.on_exit
+    def _(self):
+        self.times += 1
+
+    on.to(off)
+    off.to(out, when=lambda self: self.times == 30)
+    off.to(on)
+    out.to(on, when=lambda self: False)
+
+
+lit = always_possible(lambda v: v.Blink.state == "on", "it can be lit")
+"""
+
+
+def test_a_long_counterexample_fits_a_screen_unless_it_is_to_be_full(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "blinking.py").write_text(LONG)
+    asked = "verify", "blinking", "-p", "blinking:lit"
+    done, full = llfsm.run(*asked), llfsm.run(*asked, "--full")
+    assert (done.returncode, full.returncode) == (1, 1)
+    lines, all_lines = done.stdout.splitlines(), full.stdout.splitlines()
+    assert lines[2] == "violated: it can be lit"
+    assert lines[-1] == all_lines[-1] == "1 of 2 violated: it can be lit"
+    assert len(lines) < 40 < len(all_lines)
+    gap = re.compile(r"  \(\d+ more rows: --full, full=True\)")
+    assert [bool(gap.fullmatch(line)) for line in lines].count(True) == 1
+    assert not any(map(gap.fullmatch, all_lines))
+    region = re.compile(r"  no way leads to it after turn \d+: \d states can follow")
+    assert region.fullmatch(lines[-3])
+    data = llfsm.run(*asked, "--json")
+    assert json.loads(data.stdout)["properties"][1]["region"]["states"] in range(1, 9)
+
+
+def _other(info: Any) -> Any:
+    """Return a value of a type of an option that is not its default, by the type's shape."""
+    inspect = msgspec.inspect
+    match info:
+        case inspect.Metadata(type=inner):
+            return _other(inner)
+        case inspect.UnionType(types=types):
+            return _other(next(t for t in types if not isinstance(t, inspect.NoneType)))
+        case inspect.LiteralType(values=values):
+            return values[-1]
+        case inspect.BoolType():
+            return None
+        case inspect.IntType() | inspect.FloatType():
+            return 777
+        case inspect.StrType():
+            return "other"
+        case inspect.VarTupleType(item_type=item):
+            return (_other(item),)
+        case inspect.DictType(key_type=key, value_type=value):
+            return {_other(key): _other(value)}
+        case inspect.StructType(cls=cls):
+            needed = {f.name: _other(f.type) for f in info.fields if f.required}
+            return cls(**needed)
+    return 1
+
+
+_ASSUMPTIONS = {"watchdog_ms": "no code runs for longer", "on_pause": "no debugger pauses"}
+_REFUSALS = {
+    "preload": "cannot be verified",
+    "period_us": "timetables cannot be verified",
+    "deadline_us": "deadline_us",
+    "start_us": "start_us",
+}
+_TAKEN = {
+    *("machines", "board", "idle_us", "wake", "period_us", "unload_accepting", "on_error"),
+    *("realtime", "cpu", "will_after_ms", "debug_clock", "breakpoints", "verify"),
+    *("definition", "name", "suspended", "variables", "slots"),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "option"),
+    [(kind, name) for kind in (Plan, PlannedMachine) for name in kind.__struct_fields__],
+    ids=lambda each: getattr(each, "__name__", each),
+)
+def test_each_option_of_a_file_is_explored_assumed_in_words_or_refused(
+    kind: type, option: str
+) -> None:
+    """A new option fails here, until somebody has decided what a proof makes of it."""
+    field = next(f for f in msgspec.inspect.type_info(kind).fields if f.name == option)  # type: ignore[attr-defined]
+    value = _other(field.type)
+    value = not field.default if value is None else value
+    machine = PlannedMachine(definition="M")
+    plan = Plan(machines=(machine,))
+    if kind is Plan:
+        plan = replace(plan, **{option: value})
+    else:
+        plan = replace(plan, machines=(replace(machine, **{option: value}),))
+    if kind is PlannedMachine and option in _REFUSALS:
+        with pytest.raises(click.UsageError, match=_REFUSALS[option]):
+            [*assumed_of(plan)]
+    elif option in _ASSUMPTIONS:
+        assert [_ASSUMPTIONS[option] in each for each in assumed_of(plan)] == [True]
+    else:
+        assert option in _TAKEN
+        assert [*assumed_of(plan)] == []
+
+
+def test_an_option_that_nobody_knows_is_refused() -> None:
+    class Later(Plan, frozen=True, kw_only=True):
+        skips: bool = False
+
+    with pytest.raises(click.UsageError, match="has 'skips', which no exploration includes"):
+        [*assumed_of(Later(skips=True))]
+
+
+FAULTY = """\
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.runtime.verification import every, never
+from llfsm.whiteboard import Message, Slot
+
+class Bit(Message):
+    on: bool = False
+
+IN, MOTOR = Slot("in", Bit), Slot("motor", Bit)
+
+class Faulty(Machine):
+    inp = Sensor(IN, default=Bit(), domain=every(Bit))
+    a, b = State(), State()
+    a.to(b, when=lambda self: self.inp.on and 1 // 0 > 0)
+    b.to(a, when=lambda self: True)
+
+class Watch(Machine):
+    motor = Actuator(MOTOR)
+    ok, lost = State(), State()
+    ok.to(lost, when=lambda self: self.is_suspended("Faulty"))
+    lost.on_entry(lambda self: self.motor(Bit(True)))
+    lost.to(ok, when=lambda self: False)
+
+never_on = never(lambda v: v[MOTOR].on, "motor never on")
+"""
+FAULTY_PLAN = """\
+on_error = "suspend"
+watchdog_ms = 500
+[[machine]]
+definition = "faulty:Faulty"
+[[machine]]
+definition = "faulty:Watch"
+[verify]
+period_ms = 20
+properties = ["faulty:never_on"]
+"""
+
+
+def test_what_a_file_says_of_failures_is_explored_and_runs_again(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "faulty.py").write_text(FAULTY)
+    (llfsm.cwd / "faulty.toml").write_text(FAULTY_PLAN)
+    done = llfsm.run("verify", "faulty.toml", "--record", "x.mcap", "--pytest", "test_x.py")
+    assert (done.returncode, "Traceback" in done.stderr) == (1, False)
+    assert "assumed: no code runs for longer than watchdog_ms" in done.stdout
+    assert "motor never on: violated\n  after 4 turns:" in done.stdout
+    done = llfsm.run("rerun", "x.mcap", "--trust")
+    assert (done.returncode, done.stdout.split()[-3:]) == (0, ["are", "as", "recorded"])
+    text = (llfsm.cwd / "test_x.py").read_text()
+    assert text.count("on_error='suspend'") == 2
+    (llfsm.cwd / "faulty.toml").write_text(FAULTY_PLAN.replace('"suspend"', '"stop"'))
+    done = llfsm.run("verify", "faulty.toml")
+    assert done.returncode == 1
+    assert "not all is decided: all ends where code raises" in done.stdout
+    assert "undecided: motor never on" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "options", "first"),
+    [
+        ("", "", ["--any-time"], "any time between rounds"),
+        ("period_ms = 20", "any_time = true", ["--period-ms", "30"], "a round every 30 ms"),
+        ("", "", ["--period-ms", "30"], "a round every 30 ms"),
+        ("", "", [], "a round every 20 ms"),
+    ],
+)
+def test_times_of_the_command_line_go_before_those_of_a_file(
+    llfsm: Llfsm, before: str, after: str, options: list[str], first: str
+) -> None:
+    (llfsm.cwd / "faulty.py").write_text(FAULTY)
+    (llfsm.cwd / "faulty.toml").write_text(FAULTY_PLAN.replace(before, after, 1))
+    done = llfsm.run("verify", "faulty.toml", *options)
+    assert first in done.stdout.splitlines()[0]
+
+
+def test_a_period_and_any_time_are_not_asked_for_together(llfsm: Llfsm) -> None:
+    done = verify(llfsm, "--any-time", "--period-ms", 20)
+    assert (done.returncode, "give period_ms, or any_time=True" in done.stderr) == (2, True)

@@ -9,7 +9,11 @@ import sys
 from importlib.abc import MetaPathFinder
 from typing import Any
 
-EXTENSIONS = ("llfsm.whiteboard._shm", "llfsm.runtime.engine._ringlet")
+EXTENSIONS = (
+    "llfsm.whiteboard._shm",
+    "llfsm.runtime.engine._ringlet",
+    "llfsm.runtime.verification._states",
+)
 
 
 class _Hiding(MetaPathFinder):

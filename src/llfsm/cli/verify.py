@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from textwrap import indent
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 import msgspec
@@ -23,28 +22,53 @@ from msgspec.structs import replace
 from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.cli.options import Integer, Number, file_option
 from llfsm.errors import LlfsmError, did_you_mean
-from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
+from llfsm.runtime.counterexamples import regression_of, script_of, story_of
+from llfsm.runtime.log import logger
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import (
     NO_FAILURE,
+    ExploreOptions,
     Member,
     Progress,
     Property,
     Space,
     Verdict,
-    Witness,
     explore,
     reachable,
 )
 from llfsm.runtime.verification.domains import domain_of
-from llfsm.runtime.verification.space import EXPORTS
+from llfsm.runtime.verification.space import EXPORTS, VERDICTS
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
-_VERDICTS = {True: "holds", False: "violated", None: "undecided"}
+_COVERED: Final[dict[type, frozenset[str]]] = {
+    Plan: frozenset(
+        {
+            *("machines", "period_us", "idle_us", "unload_accepting", "on_error", "verify"),
+            *("board", "wake", "realtime", "cpu", "debug_clock", "breakpoints", "will_after_ms"),
+        }
+    ),
+    PlannedMachine: frozenset({"definition", "name", "suspended", "variables", "slots"}),
+}
+"""The options of a file that an exploration takes as they are, or that change nothing of it.
+
+Those of the second line change where and when machines run, but not what they do in their rounds.
+"""
+_ASSUMED: Final = {
+    "watchdog_ms": "no code runs for longer than watchdog_ms, so that no watchdog posts",
+    "on_pause": "no debugger pauses the machines, and posts safe values",
+}
+"""What is assumed where such an option is set, as no exploration includes it."""
+_REFUSED: Final = {
+    "preload": "is preloaded: machines that load others while they run cannot be verified",
+    "period_us": "has a period of its own: timetables cannot be verified; give one period to all "
+    "machines",
+}
+"""Why options cannot be verified. Any that is in none of these tables is refused, too."""
 _EVERYTHING = reachable(lambda _: False, "every state")
 """A property that is not decided before all states are found, as an export needs them."""
+_SHOWN_S = 0.1  # from one update of the progress to the next
 _STDOUT = Path("-")
 _RECORDING = ".mcap"
 _FILE = ".toml"
@@ -144,12 +168,14 @@ def _json(text: str) -> Any:
     multiple=True,
     help="Write all states for Storm (.drn), SPIN (.pml) or Aldebaran (.aut). May be repeated.",
 )
+@click.option("--full", is_flag=True, help="Show all rows of counterexamples.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def verify(
     machines: tuple[str, ...],
     recording: Path | None,
     tests: Path | None,
     exports: tuple[Path, ...],
+    full: bool,
     as_json: bool,
     **asked: Any,
 ) -> None:
@@ -168,18 +194,19 @@ def verify(
         subject = VerifiedMachines(machines, Verification(**asked))
         sought = [each.property for each in subject.named]
         with _progress(quiet=as_json) as progress:
+            options: ExploreOptions = {**subject.options(), "progress": progress}
             space = explore(
                 subject.members,
                 properties=[*sought, *([_EVERYTHING] if exports else [])],
-                progress=progress,
-                **subject.options(),
+                **options,
             )
         verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
         undecided = any(verdict.holds is None for verdict in verdicts)
         ended = _why(subject.wanted, space) if undecided else ""
-        report = as_data if as_json else as_text
-        found = report(space, verdicts, subject.period_ms, ended)
-        click.echo(msgspec.json.encode(found).decode() if as_json else found)
+        if as_json:
+            click.echo(msgspec.json.encode(as_data(space, verdicts, subject, ended)).decode())
+        else:
+            click.echo(as_text(space, verdicts, subject, ended, full=full))
         violated = [verdict for verdict in verdicts if verdict.holds is False]
         _write(subject, space, violated, recording, tests)
         for file in exports:
@@ -214,9 +241,17 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], object]]:
 
     console = Console(stderr=True, quiet=quiet or not sys.stderr.isatty())
     with console.status("exploring") as status:
-        yield lambda now: status.update(
-            f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
-        )
+        shown = 0.0
+
+        def show(now: Progress) -> None:
+            nonlocal shown
+            if now.seconds - shown >= _SHOWN_S:
+                shown = now.seconds
+                status.update(
+                    f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
+                )
+
+        yield show
 
 
 def _why(wanted: Verification, space: Space) -> str:
@@ -225,11 +260,31 @@ def _why(wanted: Verification, space: Space) -> str:
         return f"there are {wanted.max_states:,} or more (max_states)"
     if wanted.max_seconds is not None and space.seconds >= wanted.max_seconds:
         return f"it took longer than {wanted.max_seconds:g} s (max_seconds)"
+    if space.short_of_memory:
+        return "little memory is left"
     if space.cut:
         return "interrupted"
+    if space.complete and any(
+        NO_FAILURE is e.property and e.holds is False for e in space.verdicts
+    ):
+        return (
+            'all ends where code raises, and what would follow is not known (on_error = "suspend")'
+        )
     return "the times of the way to a violation are not possible; give --period-ms"
 
 
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """Keep what code raises out of the log, while a counterexample runs again: its table has it."""
+    log = logger()
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before
+
+
+@_unlogged()
 def _write(
     subject: VerifiedMachines,
     space: Space,
@@ -256,6 +311,7 @@ def _write(
             plan=subject.plan_with(space.members),
             folder=subject.folder,
             unload_accepting=space.unload_accepting,
+            on_error=space.on_error,
         )
         click.echo(f"{recording}: recorded how {first.property} is violated", err=True)
     if tests is not None:
@@ -287,6 +343,8 @@ class VerifiedMachines:
 
     def __init__(self, machines: Sequence[str], asked: Verification):
         resolved = parse_arguments(machines)
+        self.assumed = tuple(assumed_of(resolved.plan))
+        """What is assumed because of options of a file, in words."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]
         self.folder = files[0].absolute().parent if files else Path.cwd()
         self._folders = [self.folder, Path()]
@@ -307,7 +365,7 @@ class VerifiedMachines:
         more = [PlannedMachine(definition=f"{m.__module__}:{m.__qualname__}") for m in watching]
         return replace(plan, period_us=None, verify=None, machines=(*plan.machines, *more))
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> ExploreOptions:
         """List the arguments of `explore`, without machines and properties."""
         wanted = self.wanted
         return {
@@ -319,6 +377,7 @@ class VerifiedMachines:
             "choices": wanted.choices,
             "abstract": {name: self._callable(where) for name, where in wanted.abstract.items()},
             "unload_accepting": self._resolved.plan.unload_accepting,
+            "on_error": self._resolved.plan.on_error,
             "max_states": wanted.max_states,
             "max_seconds": wanted.max_seconds,
         }
@@ -326,16 +385,6 @@ class VerifiedMachines:
     def _members(self) -> Iterator[Member]:
         planned = zip(self._resolved.classes.values(), self._resolved.plan.machines, strict=True)
         for cls, each in planned:
-            if each.preload:
-                raise click.UsageError(
-                    f"{each.definition} is preloaded: machines that load others while they run "
-                    f"cannot be verified"
-                )
-            if each.period_us is not None:
-                raise click.UsageError(
-                    f"{each.definition} has a period of its own: timetables cannot be verified; "
-                    f"give one period to all machines"
-                )
             yield Member(cls, each.name, each.variables, each.slots, each.suspended)
 
     def _properties(self, names: Iterable[str]) -> Iterator[_Named]:
@@ -388,10 +437,23 @@ class VerifiedMachines:
         return found
 
 
+def assumed_of(plan: Plan) -> Iterator[str]:
+    """Yield what is assumed of a plan; refuse options of it that are not explored."""
+    for given, what in ((plan, "the file"), *((each, each.definition) for each in plan.machines)):
+        for field in msgspec.structs.fields(given):
+            name = field.name
+            if name in _COVERED.get(type(given), ()) or getattr(given, name) == field.default:
+                continue
+            if name not in _ASSUMED:
+                why = f"has {name!r}, which no exploration includes: leave it out"
+                raise click.UsageError(f"{what} {_REFUSED.get(name, why)}")
+            yield _ASSUMED[name]
+
+
 def _period_ms(wanted: Verification, resolved: ResolvedPlan) -> float | None:
     """Choose the time from round to round, in ms; None for any."""
     if wanted.any_time:
-        return wanted.period_ms  # an error, if there is one
+        return wanted.period_ms  # an error, if a file or the command line has both
     period_us = resolved.plan.period_us or resolved.plan.idle_us
     if wanted.period_ms is None and period_us == 0:
         raise click.UsageError(
@@ -409,6 +471,10 @@ def _joined(file: Verification, asked: Verification) -> Verification:
     }
     for name in ("sensors", "abstract"):
         given[name] = {**getattr(file, name), **getattr(asked, name)}
+    if asked.any_time and asked.period_ms is None:
+        file = replace(file, period_ms=None)
+    if asked.period_ms is not None and not asked.any_time:
+        file = replace(file, any_time=False)
     given["properties"] = tuple(dict.fromkeys((*file.properties, *asked.properties)))
     given["suspend"] = tuple(dict.fromkeys((*file.suspend, *asked.suspend)))
     return replace(file, **given)
@@ -417,52 +483,66 @@ def _joined(file: Verification, asked: Verification) -> Verification:
 # The report
 
 
-def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
-    """Write the report; `ended` says why the exploration ended early, "" if it did not."""
+@_unlogged()
+def as_text(
+    space: Space,
+    verdicts: Sequence[Verdict],
+    subject: VerifiedMachines,
+    ended: str,
+    *,
+    full: bool = False,
+) -> str:
+    """Write the report; `ended` says why not all is decided, "" if it is.
+
+    Verdicts come first. What is violated is named again below the counterexamples.
+    """
+    period_ms = subject.period_ms
     lines = [
         f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
-        f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
+        f"{space.ringlets:,} ringlets run{_sampled(space)}, in {space.seconds:.1f} s; "
         + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
     ]
+    lines += [f"assumed: {each}" for each in subject.assumed]
     if ended:
         lines.append(f"not all is decided: {ended}")
         lines += space.hints()
     for verdict in verdicts:
         why = ": what triggers it never happens" if verdict.vacuous else ""
-        lines.append(f"{_VERDICTS[verdict.holds]}: {verdict.property}{why}")
-        if verdict.holds is False and verdict.witness is not None:
-            lines += _story(space, verdict.witness)
+        lines.append(f"{VERDICTS[verdict.holds]}: {verdict.property}{why}")
     if space.complete:
         lines += [f"never reached: {each}" for each in space.unreached]
         lines += [f"never taken: {each}" for each in space.untaken]
+    violated = [verdict for verdict in verdicts if verdict.holds is False]
+    for verdict in violated:
+        if verdict.witness is not None:
+            lines += ["", f"{verdict.property}: violated"]
+            lines += [f"  {line}" for line in story_of(space, verdict.witness, full=full)]
+    if violated:
+        names = ", ".join(str(verdict.property) for verdict in violated)
+        lines += ["", f"{len(violated)} of {len(verdicts)} violated: {names}"]
     return "\n".join(lines)
 
 
-def _story(space: Space, witness: Witness) -> list[str]:
-    """Describe a counterexample: a table of its turns, and how it goes on."""
-    number = len(witness.turns)
-    if not number:
-        return ["  in the initial state"]
-    script = script_of(witness, space.slots)
-    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
-    table = table_of(rows[:number], number - 1)
-    lines = [f"  after {number} turn{'s' if number != 1 else ''}:", indent(table, "  ")]
-    if witness.loop is not None:
-        first = witness.turns[witness.loop].round
-        lines.append(f"  and so on for ever: all from round {first} on repeats")
-    lines += [f"  {line}" for line in witness.end_lines()]
-    return lines
+def _sampled(space: Space) -> str:
+    """Write how many ringlets were run again, unless all were, or the exploration ended early."""
+    if not 0 < space.repeated < space.ringlets:
+        return ""
+    return f" ({space.repeated:,} of them again, to see whether they do the same)"
 
 
-def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
+def as_data(
+    space: Space, verdicts: Sequence[Verdict], subject: VerifiedMachines, ended: str
+) -> Any:
     """Make the report as data for JSON; `ended` is as for `as_text`."""
     return {
         "states": space.states,
         "transitions": space.transitions,
         "depth": space.depth,
         "ringlets": space.ringlets,
+        "repeated": space.repeated,
         "seconds": round(space.seconds, 3),
-        "period_ms": period_ms,
+        "period_ms": subject.period_ms,
+        "assumed": list(subject.assumed),
         "complete": space.complete,
         "ended": ended or None,
         "hints": list(space.hints()) if ended else [],
@@ -470,9 +550,12 @@ def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, 
             {
                 "property": str(verdict.property),
                 "kind": verdict.property.kind,
-                "verdict": _VERDICTS[verdict.holds],
+                "verdict": VERDICTS[verdict.holds],
                 "vacuous": verdict.vacuous,
                 "loop": None if verdict.witness is None else verdict.witness.loop,
+                "region": None
+                if verdict.witness is None or verdict.witness.region is None
+                else verdict.witness.region._asdict(),
                 "at_end": {} if verdict.witness is None else dict(verdict.witness.at_end),
                 "witness": None
                 if verdict.witness is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import nullcontext, suppress
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, assume, given, reject, settings
@@ -29,11 +30,14 @@ from llfsm.runtime.verification import (
     UnsupportedError,
     Verdict,
     View,
+    always_possible,
+    eventually_always,
     explore,
     leads_to,
     never,
     step,
 )
+from llfsm.runtime.verification.properties import LIVENESS
 from llfsm.whiteboard.messages.std_msgs import Int32
 from random_machines import LEFT, RIGHT, SHARED, built
 from thoroughness import examples
@@ -47,7 +51,11 @@ PROPERTIES = [
     step(lambda before, after: before.A.n == after.A.n),
     leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2, within_ms=20),
     leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2),
+    leads_to(lambda v: v.A.n == 0, [lambda v: v.A.n == 1, lambda v: v[SHARED].data == 2]),
+    eventually_always(lambda v: v.A.n == 0),
+    always_possible(lambda v: v.A.n == 1),
 ]
+AT_ANY_TIME = [each for each in PROPERTIES if each.kind not in LIVENESS or each.within_ms]
 
 
 def dumped(view: View, names: Iterable[str]) -> list[str]:
@@ -62,16 +70,17 @@ def replays(space: Space, verdict: Verdict) -> None:
     assert verdict.witness is not None
     script = script_of(verdict.witness, space.slots)
     between_ms = between_of(verdict.witness)
+    how: Any = {"unload_accepting": space.unload_accepting, "on_error": space.on_error}
     with pytest.raises((InvariantError, ExecutionError)):
         play(
             space.members,
             script,
             invariant=holds(verdict.property, between_ms=between_ms),
-            unload_accepting=space.unload_accepting,
             to_end=bool(space.suspend),
+            **how,
         )
-    played, journal = journal_of(space.members, script, unload_accepting=space.unload_accepting)
-    alone = ScriptRun(space.members, unload_accepting=space.unload_accepting)
+    played, journal = journal_of(space.members, script, **how)
+    alone = ScriptRun(space.members, **how)
     for _ in alone.play(script):
         pass
     assert alone.arrangement.roster.standings() == played.arrangement.roster.standings()
@@ -81,11 +90,11 @@ def replays(space: Space, verdict: Verdict) -> None:
     with suppress(ExecutionError) if alone.error else nullcontext():
         assert dumped(replay(space, verdict.witness)[-1], names) == end
     again = Rerun(journal)
-    arrangement = again.arrange(unload_accepting=space.unload_accepting)
+    arrangement = again.arrange(**how)
     for member in space.members:
         member.load(arrangement)
     assert again.compare() is None
-    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    rows = rows_of(space.members, script, **how)
     turns = (*verdict.witness.turns, *verdict.witness.rest)
     assert [(row.round, row.machine) for row in rows] == [(t.round, t.machine) for t in turns]
     assert table_of(rows, len(rows) - 1).count("\n") >= bool(rows)
@@ -95,18 +104,18 @@ def replays(space: Space, verdict: Verdict) -> None:
 @settings(max_examples=examples(8), suppress_health_check=list(HealthCheck), deadline=None)
 @given(situations, st.booleans())
 def test_every_counterexample_replays_in_every_way(situation: Situation, any_time: bool) -> None:
-    asked = [each for each in PROPERTIES if not (any_time and each.kind == "leads_to")]
     try:
         space = explore(
             built(situation.machines),
             period_ms=None if any_time else situation.period_ms,
             any_time=any_time,
             sensors=DOMAINS,
-            properties=asked,
+            properties=AT_ANY_TIME if any_time else PROPERTIES,
             stop=situation.may.stop,
             suspend=situation.may.suspend,
             choices="rounds" if situation.may.by_rounds else "turns",
             unload_accepting=situation.unload_accepting,
+            on_error=situation.on_error,
             max_states=1_000,
         )
     except UnsupportedError:

@@ -9,6 +9,8 @@ from llfsm.runtime.counterexamples import replay
 from llfsm.runtime.verification import (
     NO_FAILURE,
     Property,
+    always_possible,
+    eventually_always,
     explore,
     leads_to,
     never,
@@ -105,3 +107,30 @@ def test_one_of_a_period_and_any_time_is_given() -> None:
             any_time=True,
             properties=[leads_to(lambda v: True, lambda v: v.Short.state == "DONE")],
         )
+    with pytest.raises(ValueError, match=r"eventually_always needs a period \(period_ms\)"):
+        explore(
+            SHORT,
+            any_time=True,
+            properties=[eventually_always(lambda v: v.Short.state == "DONE")],
+        )
+
+
+def test_what_stays_possible_is_decided_for_one_clock_at_a_time() -> None:
+    """With several, only what no clock allows is known not to be possible."""
+
+    def done(machine: str) -> Property:
+        return always_possible(lambda v: v[machine].state == "DONE")
+
+    def waiting(machine: str) -> Property:
+        return always_possible(lambda v: v[machine].state == "WAIT")
+
+    machines: list[type[Machine]]
+    for machines, holds in ([SHORT], True), ([SHORT, LONG], None):
+        space = explore(machines, any_time=True, properties=[done("Short"), waiting("Short")])
+        possible, impossible = space.verdicts
+        assert possible.holds is holds
+        assert impossible.holds is False
+        assert impossible.witness is not None
+        assert impossible.witness.region is not None
+        views = replay(space, impossible.witness)
+        assert views[impossible.witness.region.turns].Short.state == "DONE"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 from llfsm.runtime import Actuator, Machine, Sensor, State
@@ -10,6 +13,8 @@ from llfsm.runtime.verification import (
     PredicateError,
     Property,
     Verdict,
+    always_possible,
+    eventually_always,
     every,
     explore,
     leads_to,
@@ -182,3 +187,103 @@ def test_states_never_reached_and_transitions_never_taken_are_reported() -> None
     assert space.unreached == ("Lift.WAITING", "Lift.RINGING", "Lift.WORN")
     assert space.untaken[0] == "Lift.IDLE -> WAITING: self.call.made"
     assert len(space.untaken) == 4
+
+
+# For ever, and always possible
+
+
+class Drill(Machine):
+    """Drill and rest; a drill that breaks is never whole again."""
+
+    call = Sensor(CALL, default=Call(), domain=every(Call))
+    worn: int = 0
+
+    REST = State()
+    DRILL = State()
+    BROKEN = State()
+
+    @DRILL.on_exit
+    def _(self) -> None:
+        self.worn = min(self.worn + 1, 2)
+
+    REST.to(DRILL, when=lambda self: self.call.made)
+    DRILL.to(BROKEN, when=lambda self: self.worn == 2 and self.call.made)
+    DRILL.to(REST)
+    BROKEN.to(REST, when=lambda self: False)
+
+
+def in_state(name: str) -> Callable[[Any], bool]:
+    return lambda v: bool(v.Drill.state == name)
+
+
+def decided(prop: Property) -> Verdict:
+    return explore(Drill, period_ms=100, properties=[prop]).verdicts[0]
+
+
+def test_what_breaks_can_not_always_be_used_again() -> None:
+    """The witness goes the shortest way in, and on to a cycle: one state, as no sensor matters."""
+    assert decided(always_possible(in_state("BROKEN"))).holds is True
+    verdict = decided(always_possible(in_state("REST")))
+    assert verdict.holds is False
+    witness = verdict.witness
+    assert witness is not None
+    assert witness.region is not None
+    views = replay(explore(Drill, period_ms=100), witness)
+    entered = [view.Drill.state == "BROKEN" for view in views]
+    assert entered.index(True) == witness.region.turns
+    assert all(entered[witness.region.turns :])
+    assert witness.loop is not None
+    assert witness.region.states == 2  # before BROKEN's OnEntry, and after
+
+
+def test_nothing_must_rest_for_ever() -> None:
+    """It may be called again and again, never again, or until it breaks."""
+    assert decided(eventually_always(in_state("REST"))).holds is False
+    assert decided(eventually_always(lambda v: v.Drill.state != "BROKEN")).holds is False
+    worn = eventually_always(lambda v: v.Drill.worn == 2, assuming=lambda v: v.Drill.call.made)
+    assert decided(worn).holds is True
+    verdict = decided(worn._replace(assuming=()))
+    assert verdict.holds is False
+    assert verdict.witness is not None
+    assert verdict.witness.loop is not None
+
+
+def test_an_execution_must_end_with_what_is_to_hold_for_ever() -> None:
+    at_end = eventually_always(lambda v: v.Lift.state == "WORN", assuming=[calling])
+    assert verdict_of_lift(at_end).holds is True
+    before = eventually_always(lambda v: v.Lift.state != "WORN")
+    verdict = verdict_of_lift(before)
+    assert verdict.holds is False
+    assert verdict.witness is not None
+    assert verdict.witness.loop is None
+
+
+def verdict_of_lift(prop: Property) -> Verdict:
+    return explore(Lift, period_ms=100, properties=[prop]).verdicts[0]
+
+
+# Several responses
+
+
+def test_responses_come_one_after_the_other() -> None:
+    """After a call the bell rings, and then the lift is idle or worn, 500 ms after it waited."""
+    idle_or_worn = [ringing, lambda v: v.Lift.state in ("IDLE", "WORN")]
+    assert verdict_of_lift(leads_to(waiting, idle_or_worn, assuming=calling)).holds is True
+    backwards = leads_to(ringing, [waiting, ringing], assuming=calling)
+    assert verdict_of_lift(backwards).holds is False  # it wears
+
+
+@pytest.mark.parametrize(("within_ms", "holds"), [(599, False), (600, True)])
+def test_the_last_of_several_responses_must_be_in_time(within_ms: float, holds: bool) -> None:
+    prop = leads_to(
+        lambda v: v.Timed.state == "BUSY",
+        [lambda v: v.Timed.state == "IDLE", lambda v: v.Timed.state == "BUSY"],
+        within_ms=within_ms,
+    )
+    (verdict,) = explore(Timed, period_ms=100, properties=[prop]).verdicts
+    assert verdict.holds is holds
+
+
+def test_leads_to_needs_a_response() -> None:
+    with pytest.raises(PredicateError, match="needs a response"):
+        leads_to(waiting, [])
