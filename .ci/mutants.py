@@ -6,7 +6,8 @@ usage: mutants.py [--root CHECKOUT] [--out out/mutants.json] [--against out/befo
 The mutants are drawn with a fixed seed from all functions, and made in a copy of the checkout.
 Which tests enter which function is found once, and kept beside the copy. For each mutant those
 tests run that enter its function, those first that are quick and enter little else, until one fails
-twice or the time is over. All results are stored after each mutant: a run that was stopped goes on.
+twice or the time is over. All results are stored after each mutant: a run that was stopped goes on,
+and tries those again for which the time was too short, as on a busy machine.
 
 With --against, the mutants are those of an earlier run, perhaps of another checkout in which
 modules had other names. What killed each then runs first; in the end it says what was found then
@@ -38,7 +39,8 @@ import entered  # noqa: E402
 from changes import Function, Mutant, draw, find, functions, mutated  # noqa: E402
 from chosen import ORDER  # noqa: E402
 
-SECONDS = 240.0  # of tests' time, a mutant
+SECONDS = 240.0  # for the tests of a mutant
+TOO_LATE = "out of time"
 TEST_SECONDS = 60  # one test, which takes less by far: a mutant may wait forever
 MEMORY = 6 << 30  # bytes: a mutant may take all it gets
 
@@ -107,8 +109,11 @@ class Copy:
 
 
 def _contained() -> list[str]:
-    """Return what starts a command so that it sees, and can end, no processes but its own."""
-    words = ["unshare", "--pid", "--fork", "--mount-proc", "--kill-child"]
+    """Return what starts a command so that a mutant harms none but its own processes and boards."""
+    words = [
+        "unshare", "--pid", "--fork", "--mount-proc", "--kill-child",
+        "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$0" "$@"',
+    ]  # fmt: skip
     able = subprocess.run([*words, "true"], capture_output=True, check=False).returncode == 0
     return words if able else []
 
@@ -227,7 +232,7 @@ def judge(
     failures = [line.split(" ", 1)[1].split(" - ")[0] for line in output.splitlines()
                 if line.startswith(("FAILED ", "ERROR "))]  # fmt: skip
     if code is None:
-        return {"result": "survived", "why": "out of time", "took": took}
+        return {"result": "survived", "why": TOO_LATE, "took": took}
     if code == 0:
         return {"result": "survived", "took": took, "tests": len(order)}
     by = failures[0] if failures else f"pytest ended with {code}"
@@ -240,6 +245,7 @@ def run(arguments: argparse.Namespace) -> None:
     folder = arguments.out.with_suffix("").resolve()
     folder.mkdir(parents=True, exist_ok=True)
     results = json.loads(arguments.out.read_text()) if arguments.out.exists() else []
+    results = [each for each in results if each.get("why") != TOO_LATE]
     map_ = Map(root, folder)
     copy = Copy(root, folder / "copy")
     product = functions(copy.root)

@@ -107,7 +107,7 @@ def watched() -> list[Meter]:
         arrangement = Arrangement([Plain()], whiteboard=Whiteboard.local())
 
         def sample() -> float:
-            watchdog = None if limit_s is None else Watchdog(arrangement, None, limit_s)
+            watchdog = None if limit_s is None else Watchdog(arrangement.kernel, limit_s)
             if watchdog is not None:
                 watchdog.start()
             begin_ns = time.process_time_ns()
