@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import logging
 import os
 import signal
 import sys
@@ -112,10 +113,13 @@ def _was_refused(error: BaseException) -> bool:
 
 
 @pytest.fixture(autouse=True)
-def _signal_handlers() -> Iterator[None]:
-    """Give back the handlers that a command called in this process, not in its own, has taken."""
+def _signals_and_log() -> Iterator[None]:
+    """Give back what a command called in this process, not in its own, has taken or set."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    log = logging.getLogger("llfsm.runtime")
+    level = log.level
     yield
+    log.setLevel(level)
     for number, handler in before.items():
         signal.signal(number, handler)
 

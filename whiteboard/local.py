@@ -167,7 +167,6 @@ class LocalBoard(Board):
     CLOCK_MONOTONIC.
     """
 
-    alive = True
     readings = 0
 
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -176,10 +175,11 @@ class LocalBoard(Board):
         self.lock = threading.RLock()  # a signal's handler may wake the thread that it interrupts
         self.changed = threading.Condition(self.lock)
         self._cells: dict[str, _Cell] = {}
+        self._open = True
 
     def check_open(self) -> None:
         """Raise :class:`.BoardClosedError` if the board was closed."""
-        if not self.alive:
+        if not self._open:
             raise BoardClosedError(f"{self.name}: this whiteboard was closed")
 
     def publisher(self, slot: Slot[M]) -> _LocalSlot[M]:
@@ -238,9 +238,14 @@ class LocalBoard(Board):
             self.readings += 1
             self.changed.notify_all()
 
+    @property
+    def alive(self) -> bool:
+        """False once closed."""
+        return self._open
+
     def close(self) -> None:
         """Close the board and discard its messages."""
-        self.alive = False
+        self._open = False
         with self.changed:  # waiting threads look at it
             self.changed.notify_all()
             for cell in self._cells.values():

@@ -293,8 +293,16 @@ class ForkingClient(Client):
             signal.signal(signal.SIGINT, before)
 
 
-start_client: type[Client] = ForkingClient if sys.platform == "linux" else LocalClient
-"""Starts the client for this system."""
+def start_client(
+    make: Callable[[], Rerun],
+    library: Mapping[str, type[Machine]],
+    begin_ns: int,
+    serve: Serve,
+    read_line: Callable[[], str] = lambda: "",
+) -> Client:
+    """Start the client for this system; the arguments are as for `Client`."""
+    kind = ForkingClient if sys.platform == "linux" else LocalClient
+    return kind(make, library, begin_ns, serve, read_line)
 
 
 def _adopt_orphans(*, is_on: bool) -> None:
