@@ -143,8 +143,8 @@ def _work(
             if session.shouldfail or session.shouldstop:
                 break
         status = 0
-    except KeyboardInterrupt:
-        pass
+    except (KeyboardInterrupt, EOFError, BrokenPipeError):
+        pass  # the process that forked this one ends, or has ended
     except BaseException:
         session.config.pluginmanager.getplugin("capturemanager").stop_global_capturing()
         traceback.print_exc()
