@@ -109,7 +109,10 @@ def here(tmp_path: Path) -> Path:
         ("verify lamp --sensor door", "'door': give it as SLOT=DOMAIN"),
         ("verify lamp --sensor dor=every", "they read: door; did you mean 'door'?"),
         ("verify lamp", "or on the command line --sensor SLOT=DOMAIN"),
-        ("verify lamp --sensor door=every", "a float has no end of values: list the messages"),
+        (
+            "verify lamp --sensor door=every",
+            "the type float has too many values to list: list the messages",
+        ),
         # whiteboards
         ("ps -b nothing-here", "no such whiteboard; start the program that makes it, or see"),
         ("run lamp -b a/b", "'a/b' is not a valid whiteboard name: use 1 to 200 letters"),
