@@ -111,7 +111,7 @@ def here(tmp_path: Path) -> Path:
         ("verify lamp", "or on the command line --sensor SLOT=DOMAIN"),
         (
             "verify lamp --sensor door=every",
-            "the type float has too many values to list: list the messages",
+            "the type float has too many values to list",
         ),
         # whiteboards
         ("ps -b nothing-here", "no such whiteboard; start the program that makes it, or see"),
