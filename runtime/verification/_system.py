@@ -329,13 +329,21 @@ class System:
 
         With what `sizes` returned earlier, count those that it had then.
         """
-        found: dict[str, set[Hashable]] = {}
+        found: dict[str, int] = {}
         numbers = first or self.sizes()
         for name, codes, number in zip(self.names, self.ringlets.variables, numbers):  # noqa: B905
-            for variables, keys in islice(codes.keys(), number):
-                for variable, key in zip(variables, keys, strict=True):
-                    found.setdefault(f"{name}.{variable}", set()).add(key)
-        return dict(sorted(((n, len(each)) for n, each in found.items()), key=lambda i: -i[1]))
+            names_of = (names for names, _ in islice(codes.keys(), number))
+            variables = dict.fromkeys(each for names in names_of for each in names)
+            for variable in variables:
+                keys = (
+                    keys[names.index(variable)]
+                    for names, keys in islice(codes.keys(), number)
+                    if variable in names
+                )
+                # One at a time, and those of a single variable differ: little memory may be left.
+                count = sum(1 for _ in keys) if len(variables) == 1 else len({*keys})
+                found[f"{name}.{variable}"] = count
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     def posts(self, first: Iterable[int] = ()) -> dict[str, int]:
         """Count the messages that machines have posted to each slot, likewise."""
