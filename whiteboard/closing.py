@@ -1,4 +1,4 @@
-"""What is closed at the end of a ``with`` block: boards, subscriptions, transports, recordings."""
+"""The end of a ``with`` block: it closes boards, subscriptions, transports, recordings."""
 
 from __future__ import annotations
 

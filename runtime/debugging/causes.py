@@ -154,7 +154,7 @@ def _kept(value: Any) -> Any:
 
 
 NOT_EVALUATED: Final = "not evaluated"
-"""What stands for the operands of a transition after the one that has fired, or has raised."""
+"""Stand for the operands of a transition after the one that has fired, or has raised."""
 
 
 class Cause(NamedTuple):

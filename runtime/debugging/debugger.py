@@ -88,7 +88,7 @@ class Debugger:
         self.fired: Fired | None = None
         """The transition at whose breakpoint it is paused."""
         self.turns = LastTurns(arrangement)
-        """What the machines have evaluated last."""
+        """The machines' latest evaluations."""
         self._hits: list[str] = []  # the breakpoints at which it is to be paused
         self._hit_in = ""  # the machine at whose breakpoint, or after whose step, it is paused
         arrangement.kernel.instrument = self

@@ -67,9 +67,9 @@ class Journal:
     def __init__(self, write: Callable[[bytes], None]):
         self.reads: list[int] = []
         self.outside = True
-        """Whether no code of a machine can be running."""
+        """True while no code of a machine can be running."""
         self.ended = False
-        """Whether the arrangement has ended: no entry follows."""
+        """True once the arrangement has ended: no entry follows."""
         self.between: Callable[[], None] = lambda: None
         """Called whenever none is running any more."""
         self.closed: Callable[[], None] = lambda: None

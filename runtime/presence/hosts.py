@@ -241,7 +241,7 @@ def find_machine(board: Board, name: str) -> RemoteMachine:
 
 
 Trouble: TypeAlias = Literal["lost", "failed", "clock", ""]
-"""What is worst about a host: it is silent, a machine is in trouble, its clock is wrong; or ""."""
+"""The worst about a host: it is silent, a machine is in trouble, its clock is wrong; or ""."""
 
 _WRONG_CLOCK_S = 1.0
 _LEADS = 10  # summaries from which a clock's lead is estimated
@@ -252,9 +252,9 @@ class HostRow(NamedTuple):
 
     name: str
     is_own: bool
-    """Whether it is this host."""
+    """True if it is this host."""
     is_there: bool
-    """Whether it can be reached."""
+    """True while it can be reached."""
     contact_ns: int | None
     """When its latest summary arrived, by the monotonic clock; None before the first."""
     lead_s: float | None

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 Effect: TypeAlias = tuple[int, int]
-"""What to keep of a state, and what to put there: `state & keep | put` is the state after it."""
+"""Bits of a state to keep, and bits to put there: `state & keep | put` is the state after it."""
 Fill: TypeAlias = Callable[[int], tuple[int, tuple[Effect, ...]]]
 """Find what belongs to a key: its weight, and its effects."""
 

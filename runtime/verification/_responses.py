@@ -1,4 +1,4 @@
-"""What must come and what must stay possible: lassos without responses, regions with no way out.
+"""Responses that must come, ways that must stay: lassos without responses, regions with no way out.
 
 *Liveness* (`late_response`, `no_response`). From the states in which a response is due, the search
 goes on without those that respond. With a time limit, a way on which too many rounds begin violates
@@ -34,7 +34,7 @@ Sources: TypeAlias = Sequence[list[Node]]
 
 
 class Responses(NamedTuple):
-    """What must follow a trigger: one or more responses, one after the other."""
+    """The answer due to a trigger: one or more responses, one after the other."""
 
     triggers: Holds
     each: tuple[Holds, ...]

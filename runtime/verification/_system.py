@@ -45,7 +45,7 @@ _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
 
 _Key: TypeAlias = tuple[int, int, int, tuple[tuple[str, int], ...], Request | None, bool]
-"""What a kept ringlet was given, but for time and others, which it may not have asked for."""
+"""The inputs of a kept ringlet, but for time and others, which it may not have asked for."""
 _Kept: TypeAlias = tuple[int, tuple[tuple[int, int], ...], RingletOutcome]
 
 

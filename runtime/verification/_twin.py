@@ -1,4 +1,4 @@
-"""What is used for packed states: the twins in C or, without the extension, the definitions."""
+"""Choose the code for packed states: the twins in C or, without the extension, the definitions."""
 
 try:
     from ._states import EffectTable as EffectTable

@@ -233,7 +233,7 @@ def one_clock(search: Search) -> bool:
 
 
 class _Edge(NamedTuple):
-    """What the machine on turn does while its clock is in a range."""
+    """The machine's turn while its clock is in a range."""
 
     step: Successor
     clock: int

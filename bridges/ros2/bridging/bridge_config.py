@@ -93,7 +93,7 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
 
 
 class _ThroughSlots(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """What a service and an action through slots have alike."""
+    """The settings common to services and actions through slots."""
 
     type: str
     """Its ROS name, as ``turtlesim/srv/Spawn`` or ``nav2_msgs/action/NavigateToPose``."""

@@ -36,7 +36,7 @@ from llfsm.whiteboard.message import M
 
 
 class Place(NamedTuple):
-    """What an endpoint is made of, whatever its kind."""
+    """The parts of an endpoint, whatever its kind."""
 
     owner: Closable
     world: RclpyContext

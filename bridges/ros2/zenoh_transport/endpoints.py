@@ -80,7 +80,7 @@ class Connection(NamedTuple):
 
 
 class Place(NamedTuple):
-    """What an endpoint is made of, whatever its kind."""
+    """The parts of an endpoint, whatever its kind."""
 
     owner: Closable
     connection: Connection
