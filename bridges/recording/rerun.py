@@ -56,6 +56,7 @@ class Segment:
         self.answers: deque[Any] = deque()
         self.asked: deque[Entry] = deque()
         self.posts: deque[Entry] = deque()
+        self.due_ns: int | None = None  # when the turns after the event were due
         self.behind_ns: int | None = None  # how far the clock is behind the host's, from now on
         self.event: Entry | None = None  # None for the last one, of a recording cut short
         self.lost = False
@@ -80,6 +81,8 @@ def segments_of(entries: Iterable[Entry], ends: Container[str]) -> Iterator[Segm
             segment.asked.append(entry)
         elif kind == "Posted":
             segment.posts.append(entry)
+        elif kind == "Due":
+            segment.due_ns = entry["due_ns"]
         elif kind == "Behind":
             segment.behind_ns = entry["behind_ns"]
         elif "reads" in entry:
@@ -132,6 +135,8 @@ class RecordedInputs:
         self.arrangement: Arrangement | None = None
         self.behind_ns = 0
         """Nanoseconds by which the clock of the latest event is behind the host's."""
+        self.due_ns: int | None = None
+        """When the turn under way was due; None if turns had no time of their own."""
         self._segments = segments_of(entries, ends)
         self.segment = Segment()
         self.advance(0)
@@ -140,6 +145,8 @@ class RecordedInputs:
         """Go on to the next segment: the event that ends this one has come, at `now_ns`."""
         if self.segment.behind_ns is not None:
             self.behind_ns = self.segment.behind_ns
+        if self.segment.due_ns is not None:
+            self.due_ns = self.segment.due_ns
         self.segment = next(self._segments)
         self.clock.expect(now_ns, self.segment.reads)
 
@@ -165,6 +172,14 @@ class RecordedEnvironment(BoardEnvironment):
         super().__init__(whiteboard, inputs.clock)
         self._inputs = inputs
         self._latest: dict[tuple[str, str], object] = {}  # also if a sensor is connected again
+
+    @property
+    def due_ns(self) -> int | None:  # type: ignore[override]  # a property here
+        """When the turn under way was due then."""
+        return self._inputs.due_ns
+
+    def is_due(self, due_ns: int) -> None:
+        """Leave it at when turns were due then."""
 
     def enter(self, arrangement: Arrangement) -> None:
         """Have the arrangement obey the requests that were recorded."""
@@ -272,7 +287,7 @@ Comparison: TypeAlias = Literal["all", "states", "posts"]
 
 _TIMES: Final = {"reads", "time_ns", "duration_ns"}
 _MARKS: Final = {"Overridden", "Released", "Plan", "Lost"}
-_INPUTS: Final = {"Sensed", "Aged", "Answered", "Asked", "Loaded"}
+_INPUTS: Final = {"Due", "Sensed", "Aged", "Answered", "Asked", "Loaded"}
 
 
 def _without_times(kind: str) -> tuple[str, ...]:

@@ -77,7 +77,8 @@ class LastTurns:
                 self._turns.pop(event.machine, None)
             if isinstance(event, Eval):
                 seat = self._arrangement.roster.find(event.machine)
-                self._take(seat, event.state, event.transition, event.value, event.time_ns)
+                now_ns = seat.kernel.environment.seen_at(event.time_ns)
+                self._take(seat, event.state, event.transition, event.value, now_ns)
 
     def sample(self) -> None:
         """Keep the next turn of each machine in its state: to keep all would slow them down."""
@@ -133,7 +134,7 @@ class _Sampled:
     def _watching(self, number: int) -> BoundTransition:
         limit_ns, guard, target = self._before[number]
         seat, environment = self._seat, self._seat.kernel.environment
-        now, is_last = environment.clock.now_ns, number == len(self._before) - 1
+        now, is_last = environment.machine_now, number == len(self._before) - 1
 
         def evaluate_and_take(machine: Any) -> bool:
             due = limit_ns is None or now() - seat.entered_ns > limit_ns

@@ -102,7 +102,9 @@ class Debugger:
     @property
     def now_ns(self) -> int:
         """The time of the turn that is to come: a journal keeps each look at the clock."""
-        return self.arrangement.clock.now_ns() if self.turn is None else self.turn.time_ns
+        if self.turn is None:
+            return self.arrangement.clock.now_ns()
+        return self.arrangement.environment.seen_at(self.turn.time_ns)
 
     @property
     def paused(self) -> str:

@@ -13,6 +13,10 @@ last round began. What they post themselves does not count: else a machine that 
 what another one reads would never let the arrangement sleep. So each machine posts by a handle of
 its own, and what that has added is taken as seen.
 
+*Time.* Machines whose turns have a time live in the schedule's: what they see in a turn is when it
+was due, so the time in a state is a whole number of periods in every run, as it is in a proof. All
+else is by the clock: what is late, deadlines, leases, stamps and how long a stop may take.
+
 *Ages.* The host's monotonic clock is that of the messages' stamps. With any other clock, a message
 of a board in this process is as old as the time since it was added, exactly; one that another
 process has added is as old as the time since the sensor first found it.
@@ -231,7 +235,7 @@ class BoardAgedRead:
         self,
         sensor: Sensor[Any, Any],
         bound: BoundSlot[Any] | OverriddenSlot,
-        clock: Clock,
+        environment: Environment,
         start_count: int | None = None,
     ):
         self.start_count = bound.count if start_count is None else start_count
@@ -239,8 +243,9 @@ class BoardAgedRead:
         self._first = self.start_count if sensor.since_start else 0
         limit_ms = math.inf if sensor.max_age_ms is None else sensor.max_age_ms
         self._limit_ns = limit_ms * 1e6
-        clock = clock.of_messages()
+        clock = environment.clock.of_messages()
         self._now = clock.now_ns
+        self._environment = environment
         self._stamped = clock.stamps
         self._added: tuple[int, int] | None = None  # count of the latest message, and when it came
         self._read_ns: int | None = None  # when the message that was read last was added
@@ -260,13 +265,20 @@ class BoardAgedRead:
                 self._note(sample.count)
             assert self._added is not None
             self._read_ns = self._added[1]
-        if sample.count <= self._first or self._now() - self._read_ns > self._limit_ns:
+        if sample.count <= self._first or self._age_of(self._read_ns) > self._limit_ns:
             return None
         return sample.message
 
     def age_ns(self) -> int | None:
         """Return the age of the message that was read last, in nanoseconds; None without one."""
-        return None if self._read_ns is None else self._now() - self._read_ns
+        return None if self._read_ns is None else self._age_of(self._read_ns)
+
+    def _age_of(self, added_ns: int) -> int:
+        """Return the age in this turn; 0 if it was added after the turn was due."""
+        environment = self._environment
+        if environment.due_ns is None:
+            return self._now() - added_ns
+        return max(environment.due_ns + (environment.clock.behind_ns or 0) - added_ns, 0)
 
     def _note(self, count: int) -> None:
         self._added = count, self._now()
@@ -276,6 +288,8 @@ class Environment:
     """A world without a whiteboard, and the interface of every other environment."""
 
     whiteboard: Board | None = None
+    due_ns: int | None = None
+    """When the turn under way was due, or the last one; None if turns have no time of their own."""
     _woken = False
 
     def __init__(self, clock: Clock | None = None):
@@ -287,6 +301,23 @@ class Environment:
         return True
 
     # Subclasses say `Arrangement`; here it is Any, as that is built on environments.
+
+    @property
+    def machine_now(self) -> Callable[[], int]:
+        """The function by which machines read the time: when their turn was due, or the clock."""
+        return self.clock.now_ns if self.due_ns is None else self._when_due
+
+    def _when_due(self) -> int:
+        assert self.due_ns is not None
+        return self.due_ns
+
+    def seen_at(self, time_ns: int) -> int:
+        """Return what machines read, in the turn under way, for `time_ns` of the clock."""
+        return time_ns if self.due_ns is None else self.due_ns
+
+    def is_due(self, due_ns: int) -> None:
+        """Let machines see this time from now on: their turns were due then."""
+        self.due_ns = due_ns
 
     def enter(self, arrangement: Any) -> None:
         """Note the arrangement whose environment this is, before it loads machines."""
@@ -325,8 +356,8 @@ class Environment:
         self._woken = True
 
     def peek_ns(self) -> int:
-        """Return the time for whom watches: no journal keeps that, as machines learn nothing."""
-        return self.clock.now_ns()
+        """Return the machines' time for whom watches: no journal keeps it, as they learn nothing."""
+        return self.machine_now()
 
     def paused(self) -> AbstractContextManager[None]:
         """Let requests come, and a `DebugClock` stand still: a turn has begun, and waits."""
@@ -460,7 +491,7 @@ class BoardEnvironment(Environment):
         start_count: int | None = None,
     ) -> AgedRead:
         """Make the reader that compares the messages' stamps with the clock."""
-        return BoardAgedRead(sensor, self._reader(machine, slot), self.clock, start_count)
+        return BoardAgedRead(sensor, self._reader(machine, slot), self, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the `add` of a handle that is the machine's own.

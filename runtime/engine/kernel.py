@@ -246,7 +246,7 @@ class Kernel(Rotation[Seat]):
             self._gate = watch.begin
             if cycle_us:
                 slots = () if timetable is None else timetable.slots
-                self.pacer = Pacer(cycle_us, environment.clock, watch, self._sleep_to_turn, slots)
+                self.pacer = Pacer(cycle_us, environment, watch, self._sleep_to_turn, slots)
                 self._gate = self.pacer.wait_for_round
 
     def stamp(self) -> tuple[int, int]:

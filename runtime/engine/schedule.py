@@ -6,6 +6,11 @@ at the first one's begin plus n cycles, whatever happened before, so lateness ne
 that is late begins at once, and the following ones too until they are on time again: none is left
 out. Only if that would take more than a second's worth of rounds, as after a process was stopped,
 are whole rounds skipped, and counted.
+
+When a turn was due is the time that its machine sees. So a machine that waits for 1 s at 20 ms has
+its turn after exactly 1 s, and then one that is 20 ms later, in every run, under a manual clock and
+in a proof alike, as in synchronous languages and in logical execution time. That a turn was late is
+measured, and no machine can tell.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ from llfsm.runtime.engine.errors import ScheduleError
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.clock import Clock
+    from llfsm.runtime.engine.environment import Environment
     from llfsm.runtime.engine.statistics import Histogram, Stopwatch
 
 S = TypeVar("S")
@@ -120,7 +125,7 @@ _CATCH_UP_NS = 1_000_000_000
 
 
 class Pacer:
-    """Wait until turns are due, and report to the stopwatch when they were, and must be over.
+    """Wait until turns are due, and report when they were to machines and to the stopwatch.
 
     `next_ns` is when the next round is due, None before the first; `skipped` counts the rounds that
     were left out. `sleep_until` returns whether turns are still wanted. With a timetable, turns are
@@ -130,7 +135,7 @@ class Pacer:
     def __init__(
         self,
         cycle_us: int,
-        clock: Clock,
+        environment: Environment,
         stopwatch: Stopwatch,
         sleep_until: Callable[[int], bool],
         slots: Iterable[TimeSlot] = (),
@@ -138,7 +143,8 @@ class Pacer:
         self.skipped = 0
         self._begin_ns = 0  # of the round
         self._cycle_ns = cycle_us * 1_000
-        self._clock = clock
+        self._environment = environment
+        environment.is_due(environment.clock.now_ns())
         self._stopwatch = stopwatch
         self.sleep_until = sleep_until
         self.next_ns: int | None = None
@@ -150,7 +156,7 @@ class Pacer:
 
     def wait_for_round(self) -> bool:
         """Sleep until the next round is due; return False if it is not wanted any more."""
-        now_ns = self._clock.now_ns()
+        now_ns = self._environment.clock.now_ns()
         begin_ns = now_ns if self.next_ns is None else self.next_ns
         behind_ns = now_ns - begin_ns
         if behind_ns > max(_CATCH_UP_NS, self._cycle_ns):
@@ -175,5 +181,6 @@ class Pacer:
         """Sleep until a turn is due, and begin to time it; return False if it is not wanted."""
         if not self.sleep_until(due_ns):
             return False
+        self._environment.is_due(due_ns)
         self._stopwatch.begin_due(due_ns, deadline_ns, lateness)
         return True

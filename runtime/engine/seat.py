@@ -113,12 +113,12 @@ def _watch_transition(
     seat: Seat, state: State, number: int, bound: BoundTransition
 ) -> BoundTransition:
     kernel, (limit_ns, guard, target) = seat.kernel, bound
-    now, label = kernel.environment.clock.now_ns, state.transitions[number].label
+    label = state.transitions[number].label
 
     def evaluate_and_report(machine: Any) -> bool:
         outer, seat.doing = seat.doing, None
         try:
-            due = limit_ns is None or now() - seat.entered_ns > limit_ns
+            due = limit_ns is None or seat.now() - seat.entered_ns > limit_ns
             value = due and (guard is None or guard(machine))
         finally:
             seat.doing = outer
@@ -269,7 +269,7 @@ class Seat(SeatFields):
     def _first_now(self) -> int:
         """Return the time as the first turn begins, and note the round: later turns pay nothing."""
         self.first_round = self.kernel.rounds
-        self.now = self.kernel.environment.clock.now_ns
+        self.now = self.kernel.environment.machine_now
         return self.now()
 
     def suspend(self) -> None:
@@ -360,7 +360,7 @@ class Seat(SeatFields):
             post = environment.post(self.name, name, actuator, self.slot_of(actuator))
             setattr(self.machine, name, post)
         if self.first_round:
-            self.now = environment.clock.now_ns
+            self.now = environment.machine_now
 
     def reload(self, machine: Machine) -> None:
         """Seat another definition of the machine, at its beginning; the one before ends.

@@ -56,6 +56,16 @@ class JournalledEnvironment(Environment):
         """True while the other environment exists."""
         return self._inner.alive
 
+    @property
+    def due_ns(self) -> int | None:  # type: ignore[override]  # a property here
+        """When the turn under way was due, in the other environment."""
+        return self._inner.due_ns
+
+    def is_due(self, due_ns: int) -> None:
+        """Keep when turns were due."""
+        self._inner.is_due(due_ns)
+        self.journal.add(("Due", due_ns))
+
     def enter(self, arrangement: Arrangement) -> None:
         """Observe the arrangement for the journal."""
         self._inner.enter(arrangement)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.runtime import Arrangement, ManualClock, Reason, TimeSlot, Timetable, Trace
+from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import IdleSleep
 from llfsm.runtime.engine.schedule import Pacer
 from llfsm.runtime.engine.statistics import Stopwatch
@@ -117,7 +118,7 @@ class Plan:
     def __init__(self, cycle_us: int) -> None:
         self.clock = ManualClock()
         self.stopwatch = Stopwatch(self.clock)
-        self.pacer = Pacer(cycle_us, self.clock, self.stopwatch, self._sleep)
+        self.pacer = Pacer(cycle_us, Environment(self.clock), self.stopwatch, self._sleep)
 
     def _sleep(self, until_ns: int) -> bool:
         self.clock.sleep_until_ns(until_ns)
