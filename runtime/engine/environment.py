@@ -356,7 +356,7 @@ class Environment:
         self._woken = True
 
     def peek_ns(self) -> int:
-        """Return the machines' time for whom watches: no journal keeps it, as they learn nothing."""
+        """Return the machines' time for whom watches: no journal keeps that."""
         return self.machine_now()
 
     def paused(self) -> AbstractContextManager[None]:
