@@ -93,6 +93,7 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     sensors: dict[str, str | list[Any] | dict[str, Any]] = {}
     period_ms: Annotated[float, msgspec.Meta(gt=0, le=_LONGEST_US / 1e3)] | None = None
     any_time: bool = False
+    skips: bool = False
     choices: Literal["turns", "rounds"] = "turns"
     stop: bool = False
     suspend: tuple[str, ...] = ()

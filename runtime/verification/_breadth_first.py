@@ -34,6 +34,8 @@ class Successor(NamedTuple):
     """One turn: its machine, the choice of its environment, and the state after it."""
 
     place: int
+    rounds: int
+    """How many rounds after the one before its round begins; 0 if it does not begin it."""
     round_contents: tuple[tuple[str, int], ...]
     """The choice for the round that it begins, if choices are made by rounds."""
     choice: Choice
@@ -92,7 +94,7 @@ class Search:
         """Count the transitions of states, and list the states after them by whose turn it is."""
         transitions = 0
         after: list[tuple[int, States]] = []
-        for place, group in self._ready(turn, states):
+        for place, group, _ in self._ready(turn, states):
             found, more = self.tables.turns[place].apply(group)
             transitions += more
             after += self._to_turns(place, found)
@@ -119,27 +121,33 @@ class Search:
     def pairs(self, turn: int, states: States) -> list[tuple[int, int]]:
         """List the states before and after each ringlet in one turn from `states`."""
         pairs = []
-        for place, group in self._ready(turn, states):
+        for place, group, _ in self._ready(turn, states):
             effects = self.tables.turns[place].effects
             pairs += [(s, s & keep | put) for s in group for keep, put in effects(s)]
         return pairs
 
-    def _ready(self, turn: int, states: States) -> Iterator[tuple[int, States]]:
-        """Yield each machine whose ringlet begins in some states, with these states."""
+    def _ready(self, turn: int, states: States) -> Iterator[tuple[int, States, int]]:
+        """Yield each machine whose ringlet begins in some states, with these states.
+
+        With each, how many rounds after the one before the round begins; 0 in a round.
+        """
         if self.tables.failed.most:
             states, _ = self.tables.intact.split(states)
-        for group in self._begin_round(states) if turn == 0 else (states,):
-            yield from self._by_machine(turn, group)
+        for group, rounds in self._begin_round(states) if turn == 0 else ((states, 0),):
+            for place, each in self._by_machine(turn, group):
+                yield place, each, rounds
 
-    def _begin_round(self, states: States) -> Iterator[States]:
+    def _begin_round(self, states: States) -> Iterator[tuple[States, int]]:
         """Drop states in which no machine can keep the execution alive; start rounds in others."""
         tables = self.tables
         for settled in tables.settled:
             states, begun = settled.split(states)
-            if len(begun):
-                for ticks in tables.ticks:
-                    begun, _ = ticks.apply(begun)
-                yield begun if tables.rounds is None else tables.rounds.apply(begun)[0]
+            for rounds, ticks in tables.ticks if len(begun) else ():
+                passed = begun
+                for tick in ticks:
+                    passed, _ = tick.apply(passed)
+                chosen = passed if tables.rounds is None else tables.rounds.apply(passed)[0]
+                yield chosen, rounds
             if not len(states):
                 return
 
@@ -187,7 +195,7 @@ class Search:
         """List all possible turns from a state."""
         tables = self.tables
         contents = list(tables.system.contents(sorted(tables.system.domains)))
-        for place, group in self._ready(turn, self.tables.packing.states([state])):
+        for place, group, rounds in self._ready(turn, self.tables.packing.states([state])):
             for number, ready in enumerate(group):
                 begins = turn == 0 and tables.rounds is not None
                 chosen = contents[number % len(contents)] if begins else ()
@@ -197,7 +205,9 @@ class Search:
                         self.tables.packing.states([ready & keep | put]),
                     )
                     for next_turn, (after,) in self._to_turns(place, found):
-                        yield Successor(place, chosen, choice, ready, restarted, next_turn, after)
+                        yield Successor(
+                            *(place, rounds, chosen, choice, ready, restarted, next_turn, after)
+                        )
 
     def path(self, turn: int, state: int) -> list[Successor]:
         """Find a shortest way from the initial state to one that was found."""

@@ -329,7 +329,7 @@ class Decisions:
         self, search: Search, steps: list[Successor], pause: Pause | None = None
     ) -> Witness:
         self._system.ringlets.deadline.at_s = inf  # one that is found is reported
-        number = 0
+        number = passed = 0
         turns: list[ChosenTurn] = []
         begins = True
         period_ns = self._system.time_model.period_ns
@@ -338,7 +338,8 @@ class Decisions:
         for step in whole:
             number += begins
             begins = step.turn == 0
-            time_ns = (period_ns or 0) * number if times is None else times[number - 1]
+            passed += step.rounds
+            time_ns = (period_ns or 0) * passed if times is None else times[number - 1]
             turns.append(_turn_of(search.tables, step, number, time_ns))
         self._system.ringlets.deadline.at_s = self._deadline_s
         return Witness(tuple(turns[: len(steps)]), tuple(turns[len(steps) :]))

@@ -56,6 +56,7 @@ class ExploreOptions(TypedDict, total=False):
 
     period_ms: float | None
     any_time: bool
+    skips: bool
     sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
     stop: bool
     suspend: Iterable[str]
@@ -73,6 +74,7 @@ def explore(
     *,
     period_ms: float | None = None,
     any_time: bool = False,
+    skips: bool = False,
     sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None = None,
     properties: Iterable[Property] = (),
     stop: bool = False,
@@ -93,10 +95,14 @@ def explore(
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
-        period_ms: the time from one round to the next, in milliseconds; each takes exactly that.
-        any_time: let any time, also none, pass before each round instead. `leads_to` without
-            `within_ms` and `eventually_always` need a period: if no time need pass, what waits for
-            it need never come.
+        period_ms: the time from one round to the next, in milliseconds, as in runs with this
+            period: there machines see when their turn was due, however late it began. Without one,
+            any time may pass before each round, also none, as in runs without a period. Then
+            `leads_to` without `within_ms` and `eventually_always` cannot be decided: if no time
+            need pass, what waits for it need never come.
+        any_time: True to say so; it is the same as no period.
+        skips: True to let rounds be left out, any number at once, as in runs that are more than a
+            second behind. `leads_to` with `within_ms` cannot be decided then.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
             the domains that sensors declare. A slot to which a machine posts can have none, and a
@@ -122,7 +128,7 @@ def explore(
     asked = _check_properties(properties)
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
     members = (*members_of(machines), *map(Member, watching))
-    time_model = _time_model(period_ms, asked, any_time=any_time)
+    time_model = _time_model(period_ms, asked, any_time=any_time, skips=skips)
     if on_error not in ("stop", "suspend"):
         raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
@@ -232,21 +238,31 @@ def _lines(verdict: Verdict, why: str) -> Iterator[str]:
         yield from (f"  {line}" for line in lines)
 
 
-def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:
-    if any_time is (period_ms is not None):
+def _time_model(
+    period_ms: float | None, asked: list[Property], *, any_time: bool, skips: bool
+) -> TimeModel:
+    if any_time and period_ms is not None:
         raise OptionError("give period_ms, or any_time=True")
     if period_ms is None:
+        if skips:
+            raise OptionError("skips leaves out rounds of a period: give period_ms, too")
         for prop in asked:
             if prop.within_ms is None and prop.kind in ("leads_to", "eventually_always"):
                 raise OptionError(
-                    f"{prop}: {prop.kind} needs a period (period_ms), as any time may be none at "
-                    f"all, and then nothing need follow; decide it by itself, and the rest at any "
-                    f"time"
+                    f"{prop}: {prop.kind} needs a period (period_ms, --period-ms, or period_us in "
+                    f"a file), as without one any time may pass, also none at all, and then "
+                    f"nothing need follow; decide it by itself, and the rest at any time"
                 )
         return AnyTime()
     if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:
         raise OptionError(f"period_ms is {period_ms!r}; it must be a number, 1e-6 or more")
-    return Periods(round(period_ms * 1e6))
+    for prop in asked:
+        if skips and prop.within_ms is not None:
+            raise OptionError(
+                f"{prop}: with skips any response may be late, as any number of rounds is left "
+                f"out; decide it without"
+            )
+    return Periods(round(period_ms * 1e6), skips=skips)
 
 
 def _check_properties(properties: Iterable[Property]) -> list[Property]:

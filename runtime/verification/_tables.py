@@ -133,12 +133,20 @@ class Tables:
         self.turns = [packing.table(self._masks[n], self._turn_filler(n)) for n in places]
         """For each machine, the effects of its turn, each once; they weigh as much as all do."""
         self.ticks = [
-            packing.table(
-                self.controls[place].mask | self._elapsed[place].mask, self._tick_filler(place)
+            (
+                rounds,
+                [
+                    packing.table(
+                        self.controls[place].mask | self._elapsed[place].mask,
+                        self._tick_filler(place, rounds),
+                    )
+                    for place in places
+                    if self._elapsed[place].most
+                ],
             )
-            for place in places
-            if self._elapsed[place].most
+            for rounds in system.time_model.rounds(max(map(system.most_time, places)))
         ]
+        """How many rounds after the one before a round may begin, and the time that passes then."""
         self._dispensable, self.settled = (
             [
                 packing.filter(
@@ -356,13 +364,13 @@ class Tables:
             bits |= sum(self._put(field, value) for field, value in values.items())
         return self.packing.all & ~mask, bits
 
-    def _tick_filler(self, place: int) -> Fill:
+    def _tick_filler(self, place: int, rounds: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
         keep = self.packing.all & ~field.mask
 
         def passed(key: int) -> tuple[int, tuple[Effect, ...]]:
             number = field.of(key)
-            steps = time_model.steps(number, self._limits(place, key))
+            steps = time_model.steps(number, self._limits(place, key), rounds)
             return 1, tuple((keep, number + step << field.shift) for step in steps)
 
         return passed

@@ -1,4 +1,7 @@
-"""The time models: how much time passes between two rounds, exactly a period or any time.
+"""The time models: how much time passes between two rounds, a period, several, or any time.
+
+In a run with a period machines see when their turn was due, which is a whole number of periods
+after any other turn. More than one passes if a run is so far behind that it leaves rounds out.
 
 Of the time for which a machine has been in its state, only the answers to the questions that its
 code asks matter: is it longer than this limit? So the time in a state is a small number. With a
@@ -28,6 +31,14 @@ class TimeModel(Protocol):
     def period_ns(self) -> int | None:
         """The time from one round to the next, in nanoseconds; None if it may be any."""
 
+    @property
+    def schedule(self) -> str:
+        """The schedule of the runs that are explored, in words."""
+
+    @property
+    def not_covered(self) -> str:
+        """What runs with this schedule may do that is not explored; "" if there is nothing."""
+
     def most(self, limits: Limits) -> int:
         """Return the largest number for the time in a state with these limits."""
         ...
@@ -36,16 +47,33 @@ class TimeModel(Protocol):
         """Return the least time in the state, in nanoseconds, for which a number stands."""
         ...
 
-    def steps(self, number: int, limits: Limits) -> tuple[int, ...]:
-        """List by how much the number may grow before a round."""
+    def steps(self, number: int, limits: Limits, rounds: int) -> tuple[int, ...]:
+        """List by how much the number may grow before a round, `rounds` after the one before."""
+        ...
+
+    def rounds(self, most: int) -> range:
+        """List how many rounds after the one before a round may begin, up to `most`."""
         ...
 
 
 class Periods:
-    """Each round begins a period after the one before."""
+    """Each round begins a period after the one before; with `skips`, any number of periods."""
 
-    def __init__(self, period_ns: int):
+    def __init__(self, period_ns: int, *, skips: bool = False):
         self.period_ns = period_ns
+        self.skips = skips
+
+    @property
+    def schedule(self) -> str:
+        """The period, and whether rounds may be left out."""
+        left_out = ", of which any number may be left out" if self.skips else ""
+        return f"a round every {self.period_ns / 1e6:g} ms{left_out}"
+
+    @property
+    def not_covered(self) -> str:
+        """Rounds that are left out, unless they are explored."""
+        behind = "rounds that a run leaves out when it is over a second behind"
+        return "" if self.skips else f"{behind} (--skips, skips=True)"
 
     def most(self, limits: Limits) -> int:
         """Return after how many periods all limits are over."""
@@ -55,15 +83,21 @@ class Periods:
         """Return the time of so many periods."""
         return number * self.period_ns
 
-    def steps(self, number: int, limits: Limits) -> tuple[int, ...]:
-        """Return 1, until all limits are over."""
-        return (1,) if number < self.most(limits) else (0,)
+    def steps(self, number: int, limits: Limits, rounds: int) -> tuple[int, ...]:
+        """Return the number of periods, until all limits are over."""
+        return (min(rounds, self.most(limits) - number),)
+
+    def rounds(self, most: int) -> range:
+        """List 1 or, if rounds may be left out, all that make a difference."""
+        return range(1, max(most, 1) + 1 if self.skips else 2)
 
 
 class AnyTime:
     """Any time may pass before a round, also none."""
 
     period_ns = None
+    schedule = "any time between rounds"
+    not_covered = "time that passes within a round"
 
     def most(self, limits: Limits) -> int:
         """Return the number of limits."""
@@ -73,6 +107,10 @@ class AnyTime:
         """Return the shortest time after which so many limits are over."""
         return limits[number - 1] + 1 if number else 0
 
-    def steps(self, number: int, limits: Limits) -> tuple[int, ...]:
+    def steps(self, number: int, limits: Limits, rounds: int) -> tuple[int, ...]:
         """List all numbers of further limits that may be over by then."""
         return tuple(range(len(limits) - number + 1))
+
+    def rounds(self, most: int) -> range:
+        """List 1: any time passes before the next round."""
+        return range(1, 2)

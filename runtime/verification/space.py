@@ -93,6 +93,10 @@ class Space:
         fire, as "Machine.STATE -> TARGET: label"."""
         self.values = system.values()
         """The number of values that each variable has had, by "Machine.variable", most first."""
+        self.schedule = system.time_model.schedule
+        """The schedule of the runs that were explored, in words."""
+        self.not_covered = system.time_model.not_covered
+        """What runs with this schedule may do that was not explored; "" if there is nothing."""
         self.members = members
         """The machines in their order, and those that watch them."""
         self.slots = system.slots

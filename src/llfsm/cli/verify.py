@@ -131,9 +131,10 @@ def _json(text: str) -> Any:
     "--period-ms",
     metavar="MS",
     type=Number(0, min_open=True),
-    help="The time from one round to the next; by default 10, the idle time of a run.",
+    help="The time from one round to the next; by default the file's period_us, else any.",
 )
 @click.option("--any-time", is_flag=True, help="Any time may pass between two rounds.")
+@click.option("--skips", is_flag=True, help="Any number of rounds of the period may be left out.")
 @click.option(
     "--choices",
     type=click.Choice(["turns", "rounds"]),
@@ -353,6 +354,8 @@ class VerifiedMachines:
         wanted = _joined(resolved.plan.verify or Verification(), asked)
         self.wanted = wanted
         self.period_ms = _period_ms(wanted, resolved)
+        self.not_covered = tuple(_other_runs(self.period_ms, resolved.plan.period_us))
+        """Runs of these machines that have another schedule, in words."""
         named = {NO_FAILURE: _Named("llfsm.runtime.verification:NO_FAILURE", NO_FAILURE)}
         for each in self._properties(wanted.properties):  # which may name one twice
             named.setdefault(each.property, each)
@@ -371,6 +374,7 @@ class VerifiedMachines:
         return {
             "period_ms": self.period_ms,
             "any_time": wanted.any_time,
+            "skips": wanted.skips,
             "sensors": dict(self._sensors(wanted.sensors)),
             "stop": wanted.stop,
             "suspend": wanted.suspend,
@@ -451,15 +455,19 @@ def assumed_of(plan: Plan) -> Iterator[str]:
 
 
 def _period_ms(wanted: Verification, resolved: ResolvedPlan) -> float | None:
-    """Choose the time from round to round, in ms; None for any."""
-    if wanted.any_time:
-        return wanted.period_ms  # an error, if a file or the command line has both
-    period_us = resolved.plan.period_us or resolved.plan.idle_us
-    if wanted.period_ms is None and period_us == 0:
-        raise click.UsageError(
-            "rounds follow each other at once (idle_us = 0): give --period-ms or --any-time"
-        )
-    return wanted.period_ms or period_us / 1e3
+    """Choose the time from round to round, in ms, as a run of the file has it; None for any."""
+    period_us = resolved.plan.period_us
+    if wanted.any_time or wanted.period_ms is not None or period_us is None:
+        return wanted.period_ms  # an error, if the command line has both
+    return period_us / 1e3
+
+
+def _other_runs(period_ms: float | None, period_us: int | None) -> Iterator[str]:
+    """Say that a run of the same machines has another period than that which is asked for."""
+    if period_ms is not None and period_us is None:
+        yield "runs without a period, as llfsm run has by itself"
+    elif period_ms is not None and period_us is not None and period_ms * 1e3 != period_us:
+        yield f"runs with the file's own period, {period_us / 1e3:g} ms"
 
 
 def _joined(file: Verification, asked: Verification) -> Verification:
@@ -494,13 +502,14 @@ def as_text(
 ) -> str:
     """Write the report; `ended` says why not all is decided, "" if it is.
 
-    Verdicts come first. What is violated is named again below the counterexamples.
+    The schedule comes first, and then verdicts. What is violated is named again below the
+    counterexamples.
     """
-    period_ms = subject.period_ms
+    left = ", ".join(_not_covered(space, subject))
     lines = [
+        f"{space.schedule}; not covered: {left}" if left else space.schedule,
         f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
-        f"{space.ringlets:,} ringlets run{_sampled(space)}, in {space.seconds:.1f} s; "
-        + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
+        f"{space.ringlets:,} ringlets run{_sampled(space)}, in {space.seconds:.1f} s",
     ]
     lines += [f"assumed: {each}" for each in subject.assumed]
     if ended:
@@ -523,6 +532,11 @@ def as_text(
     return "\n".join(lines)
 
 
+def _not_covered(space: Space, subject: VerifiedMachines) -> list[str]:
+    """List what runs may do that was not explored."""
+    return [*([space.not_covered] if space.not_covered else []), *subject.not_covered]
+
+
 def _sampled(space: Space) -> str:
     """Write how many ringlets were run again, unless all were, or the exploration ended early."""
     if not 0 < space.repeated < space.ringlets:
@@ -542,6 +556,8 @@ def as_data(
         "repeated": space.repeated,
         "seconds": round(space.seconds, 3),
         "period_ms": subject.period_ms,
+        "schedule": space.schedule,
+        "not_covered": _not_covered(space, subject),
         "assumed": list(subject.assumed),
         "complete": space.complete,
         "ended": ended or None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from llfsm.runtime import Machine, State, define
@@ -97,17 +99,17 @@ def test_for_one_clock_it_finds_what_short_periods_find() -> None:
     assert times == [0, 100.000001, 400.000002]
 
 
-def test_one_of_a_period_and_any_time_is_given() -> None:
-    for how in ({}, {"period_ms": 1, "any_time": True}):
-        with pytest.raises(ValueError, match="period_ms, or any_time"):
-            explore(SHORT, **how)  # type: ignore[arg-type]
+def test_without_a_period_any_time_may_pass() -> None:
+    assert explore(SHORT).schedule == explore(SHORT, any_time=True).schedule
+    with pytest.raises(ValueError, match="period_ms, or any_time"):
+        explore(SHORT, period_ms=1, any_time=True)
     with pytest.raises(ValueError, match="leads_to needs a period"):
         explore(
             SHORT,
             any_time=True,
             properties=[leads_to(lambda v: True, lambda v: v.Short.state == "DONE")],
         )
-    with pytest.raises(ValueError, match=r"eventually_always needs a period \(period_ms\)"):
+    with pytest.raises(ValueError, match=r"eventually_always needs a period \(period_ms,"):
         explore(
             SHORT,
             any_time=True,
@@ -134,3 +136,46 @@ def test_what_stays_possible_is_decided_for_one_clock_at_a_time() -> None:
         assert impossible.witness.region is not None
         views = replay(space, impossible.witness)
         assert views[impossible.witness.region.turns].Short.state == "DONE"
+
+
+class Counting(Machine):
+    """Counts its turns while it waits for 60 ms."""
+
+    turns: int = 0
+    wait, over = State(), State()
+
+    @wait.internal
+    def _(self) -> None:
+        self.turns += 1
+
+    wait.to(over, after_ms=60)
+
+
+def turns_of(**how: Any) -> list[int]:
+    """List the numbers of turns after which the wait can be over."""
+    numbers = range(7)
+    properties = [
+        reachable(lambda v, n=n: v.Counting.state == "over" and v.Counting.turns == n)
+        for n in numbers
+    ]
+    space = explore(Counting, properties=properties, max_states=99, **how)
+    found = [n for n in numbers if space.verdicts[n].holds]
+    for n in found:
+        way = space.verdicts[n].witness
+        assert way is not None
+        assert replay(space, way)[-1].Counting.turns == n
+    return found
+
+
+def test_rounds_that_are_left_out_make_a_wait_of_fewer_turns() -> None:
+    assert turns_of(period_ms=20) == [4]
+    assert turns_of(period_ms=20, skips=True) == [1, 2, 3, 4]
+    assert turns_of() == [1, 2, 3, 4, 5, 6]
+
+
+def test_skips_need_a_period_and_no_time_limit() -> None:
+    with pytest.raises(ValueError, match="give period_ms, too"):
+        explore(SHORT, skips=True)
+    late = leads_to(lambda v: True, lambda v: v.Short.state == "DONE", within_ms=10)
+    with pytest.raises(ValueError, match="any response may be late"):
+        explore(SHORT, period_ms=1, skips=True, properties=[late])
