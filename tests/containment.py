@@ -20,7 +20,7 @@ from llfsm.runtime.verification.properties import Situation
 from llfsm.runtime.verification.values import freeze
 from random_machines import LEFT, RIGHT, SHARED, built, specs
 
-__all__ = ["Boundary", "Happenings", "assert_contained", "happenings"]
+__all__ = ["Boundary", "Follower", "Happenings", "assert_contained", "happenings"]
 
 
 class Boundary(NamedTuple):
@@ -82,8 +82,50 @@ def assert_contained(happened: Happenings, *, most: int) -> None:
     live.run()
 
 
-class _Live:
-    """An arrangement whose turns are followed in the explored states: `nodes` may be where it is.
+class Follower:
+    """Follows turns of machines in the explored states: `nodes` may be where they are."""
+
+    def __init__(self, space: Space, environment: Any):
+        self.environment = environment
+        self.search = space.search
+        self.nodes = {(0, self.search.tables.initial())}
+
+    @property
+    def machines(self) -> Any:
+        return self.environment.machines
+
+    def follow_seen(self, machine: str) -> None:
+        """Go on to all states after a turn of `machine` in which all is as it is now."""
+        live = self.observed(LiveSituation(self.environment))
+        self.follow(machine, lambda state: self.observed(self.explored(state)) == live)
+
+    def follow(self, machine: str, agrees: Callable[[int], object]) -> None:
+        """Go on to all states after a turn of `machine` that agree; there must be some."""
+        names = self.search.tables.system.names
+        self.nodes = {
+            (step.turn, step.state)
+            for node in self.nodes
+            for step in self.search.steps(*node)
+            if names[step.place] == machine and agrees(step.state)
+        }
+        assert self.nodes, f"a turn of {machine} was not explored"
+
+    def explored(self, state: int) -> Situation:
+        return PackedSituation(self.search.tables, state, set())
+
+    def observed(self, situation: Situation) -> Any:
+        """Return what there is of a state but for times, and requests that are pending for A."""
+        controls = {name: situation.control(name) for name in self.machines}
+        controls["A"] = controls["A"]._replace(request=None)
+        variables = [
+            sorted((n, freeze(v, lambda _: None)) for n, v in situation.variables(name).items())
+            for name in self.machines
+        ]
+        return controls, variables, situation.content(SHARED.name)
+
+
+class _Live(Follower):
+    """An arrangement whose turns are followed, under a manual clock.
 
     All boundaries are alike: before the first turn of a round, between two, and after the last.
     """
@@ -91,7 +133,7 @@ class _Live:
     def __init__(
         self, happened: Happenings, space: Space, *, unload_accepting: bool, on_error: OnError
     ):
-        self.environment = ScriptedEnvironment()
+        super().__init__(space, ScriptedEnvironment())
         self.arrangement = Arrangement(
             built(happened.machines),
             environment=self.environment,
@@ -99,8 +141,6 @@ class _Live:
             on_error=on_error,
             observers=[self.look],
         )
-        self.search = space.search
-        self.nodes = {(0, self.search.tables.initial())}
         self.period_ms = happened.period_ms
         self.coming = iter(happened.boundaries)
         self.turn = ""
@@ -124,22 +164,14 @@ class _Live:
                     assert any(tables.may_end(*node) for node in self.nodes)
                 return
 
-    @property
-    def machines(self) -> Any:
-        return self.environment.machines
-
     def look(self, event: Event) -> None:
         """Follow the turn that is over, and let the next things happen."""
         if not isinstance(event, Turn | RoundEnd):
             return
         if self.turn:
-            live = self.observed(LiveSituation(self.environment))
-            self.follow(self.turn, lambda state: self.observed(self.explored(state)) == live)
+            self.follow_seen(self.turn)
         self.turn = event.machine if isinstance(event, Turn) else ""
         self.happen()
-
-    def explored(self, state: int) -> Situation:
-        return PackedSituation(self.search.tables, state, set())
 
     def happen(self) -> None:
         boundary = next(self.coming, None)
@@ -155,24 +187,3 @@ class _Live:
         for slot, number in ((LEFT, boundary.left), (RIGHT, boundary.right)):
             if (message := DOMAINS[slot][number]) is not None:
                 self.environment.whiteboard.add_message(slot, message)
-
-    def follow(self, machine: str, agrees: Callable[[int], object]) -> None:
-        """Go on to all states after a turn of `machine` that agree; there must be some."""
-        names = self.search.tables.system.names
-        self.nodes = {
-            (step.turn, step.state)
-            for node in self.nodes
-            for step in self.search.steps(*node)
-            if names[step.place] == machine and agrees(step.state)
-        }
-        assert self.nodes, f"a turn of {machine} was not explored"
-
-    def observed(self, situation: Situation) -> Any:
-        """Return what there is of a state but for times, and requests that are pending for A."""
-        controls = {name: situation.control(name) for name in self.machines}
-        controls["A"] = controls["A"]._replace(request=None)
-        variables = [
-            sorted((n, freeze(v, lambda _: None)) for n, v in situation.variables(name).items())
-            for name in self.machines
-        ]
-        return controls, variables, situation.content(SHARED.name)

@@ -6,13 +6,14 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 
 from agreement import Situation, assert_agreement, situations
 from containment import Happenings, assert_contained, happenings
 from llfsm.machines.properties.mine import MINE
 from llfsm.machines.properties.oven import OVEN
 from llfsm.runtime.verification import explore
+from real_runs import RealRun, assert_real_run_contained, real_runs
 from spin import count
 
 MODELS = Path(__file__).parents[1] / "runtime" / "verification"
@@ -45,11 +46,25 @@ def main() -> None:
             assert found == counted, f"SPIN has {counted}"
 
 
+@settings(
+    max_examples=5_000,
+    suppress_health_check=list(HealthCheck),
+    deadline=None,
+    phases=[Phase.generate],
+)
+@given(real_runs)
+def in_real_time(run: RealRun) -> None:
+    """Run random machines by the host's clock, in a world of its own pace."""
+    assert_real_run_contained(run, most=2_000, rounds=100)
+
+
 if __name__ == "__main__":
     agreement()
     print("1,000 arrangements of random machines agree with the naive explorer")
     containment()
     print("1,000 arrangements that ran did what was explored")
+    in_real_time()
+    print("5,000 arrangements that ran by the host's clock did what was explored")
     try:
         main()
     except pytest.skip.Exception as reason:

@@ -1,0 +1,195 @@
+"""Random machines run for real, in a world of its own pace: each turn is one that was explored.
+
+A run has the host's clock, a board and a period. Beside it a thread posts messages and sends
+requests as other processes do, a signal asks it to stop at any moment, and another process stops
+and continues it. After each turn the explored states are followed that agree with what is seen;
+there must be some. Runs without a period are none of these: in their rounds time passes, which no
+exploration covers.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Literal, NamedTuple
+
+from hypothesis import strategies as st
+
+from agreement import DOMAINS
+from containment import Follower
+from llfsm.errors import LlfsmError
+from llfsm.runtime import Arrangement, ExecutionError
+from llfsm.runtime.engine.events import Event, RoundEnd, Turn
+from llfsm.runtime.engine.kernel import OnError
+from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.runtime.presence.remote import Directory
+from llfsm.runtime.verification import UnsupportedError, explore
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.local import LocalBoard
+from random_machines import LEFT, RIGHT, built, specs
+
+__all__ = ["RealRun", "assert_real_run_contained", "real_runs"]
+
+
+class RealRun(NamedTuple):
+    """Machines, as `built` makes them, how they run, and the seed of their world."""
+
+    machines: Any
+    unload_accepting: bool
+    period_ms: Literal[2, 5]
+    on_error: OnError
+    seed: int
+    stopped: bool = False
+    """True if the process is stopped and continued meanwhile."""
+
+
+real_runs = st.builds(
+    RealRun,
+    specs,
+    st.booleans(),
+    st.sampled_from([2, 5]),
+    st.sampled_from(["stop", "suspend"]),
+    st.integers(0, 10**6),
+    st.booleans(),
+)
+
+
+def assert_real_run_contained(run: RealRun, *, most: int, rounds: int = 60) -> bool:
+    """Run the machines for real; return False if there are too many states, or they are refused."""
+    how: dict[str, Any] = {"unload_accepting": run.unload_accepting, "on_error": run.on_error}
+    try:
+        space = explore(
+            built(run.machines),
+            period_ms=run.period_ms,
+            sensors=DOMAINS,
+            stop=True,
+            suspend="A",
+            max_states=most,
+            skips=run.stopped,
+            **how,
+        )
+    except UnsupportedError:
+        return False
+    if not space.complete:
+        return False
+    environment = _Observed(LocalBoard())
+    environment.whiteboard.add_message(RIGHT, DOMAINS[RIGHT][0])
+    follower = Follower(space, environment)
+    turn = ""
+
+    def look(event: Event) -> None:
+        nonlocal turn
+        if isinstance(event, Turn | RoundEnd):
+            if turn:
+                follower.follow_seen(turn)
+            turn = event.machine if isinstance(event, Turn) else ""
+
+    arrangement = Arrangement(
+        built(run.machines),
+        environment=environment,
+        period_us=run.period_ms * 1_000,
+        observers=[look],
+        **how,
+    )
+    with (
+        _world(environment.whiteboard, run.seed),
+        _stops(os.getpid(), wanted=run.stopped),
+        _signals(arrangement, run.seed),
+    ):
+        try:
+            arrangement.run(max_rounds=rounds, grace_s=0.05)
+        except ExecutionError:
+            follower.follow(turn, lambda state: state & space.search.tables.failed.mask)
+    return True
+
+
+class _Observed(LiveEnvironment):
+    """A live environment whose machines are kept, also those that have left."""
+
+    def __init__(self, board: LocalBoard) -> None:
+        super().__init__(board)
+        self.machines: dict[str, Any] = {}
+        self._arrangement: Arrangement | None = None
+
+    def enter(self, arrangement: Arrangement) -> None:
+        super().enter(arrangement)
+        self._arrangement = arrangement
+
+    def loaded(self, machine: str, path: str) -> None:
+        super().loaded(machine, path)
+        assert self._arrangement is not None
+        self.machines[machine] = self._arrangement.machine(machine)
+
+    def content(self, slot: Slot[Any]) -> Any:
+        return self.whiteboard.get_message(slot)
+
+
+@contextmanager
+def _world(board: Any, seed: int) -> Iterator[None]:
+    """Post and ask at random, on a thread, until this is left."""
+    drawn, over = random.Random(seed), threading.Event()
+
+    def act() -> None:
+        while not over.wait(drawn.expovariate(1) * 1e-3):
+            slot = drawn.choice([LEFT, RIGHT])
+            message = drawn.choice(DOMAINS[slot])
+            if message is not None:
+                board.add_message(slot, message)
+            if drawn.random() < 0.2:
+                with suppress(LlfsmError):
+                    Directory(board).find("A").request(
+                        drawn.choice(["suspend", "resume", "restart"])
+                    )
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+@contextmanager
+def _signals(arrangement: Arrangement, seed: int) -> Iterator[None]:
+    """Ask for a stop by a signal, at a random moment in most runs."""
+    drawn = random.Random(seed + 1)
+    before = signal.signal(signal.SIGALRM, lambda *_: arrangement.stop("a signal"))
+    signal.setitimer(signal.ITIMER_REAL, drawn.choice([0.0, 0.003, 0.01, 0.03]) * drawn.random())
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+_STOPPER = """
+import os, random, signal, sys, time
+pid = int(sys.argv[1])
+while os.getppid() == pid:
+    time.sleep(random.expovariate(200))
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(random.choice([0.0005, 0.004, 0.02]))
+    os.kill(pid, signal.SIGCONT)
+"""
+
+
+@contextmanager
+def _stops(pid: int, *, wanted: bool) -> Iterator[None]:
+    """Let another process stop and continue this one, again and again."""
+    if not wanted:
+        yield
+        return
+    stopper = subprocess.Popen([sys.executable, "-c", _STOPPER, str(pid)])
+    try:
+        yield
+    finally:
+        stopper.kill()
+        stopper.wait()
+        os.kill(pid, signal.SIGCONT)
