@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime.engine.environment import Attendant, BoardEnvironment
-from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -94,7 +94,12 @@ class LiveEnvironment(BoardEnvironment):
         return self._claims
 
     def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
-        """Return the machine of that name that another process runs on this whiteboard."""
+        """Return the machine of that name that another process runs on this whiteboard.
+
+        One of this arrangement's that has just left is still published, but is none.
+        """
+        if self._presence is not None and self._presence.publishes(name):
+            raise UnknownMachineError(name, known)
         if self._directory is None:
             from llfsm.runtime.presence.remote import Directory  # here, because few ask
 

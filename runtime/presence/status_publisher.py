@@ -192,6 +192,10 @@ class StatusPublisher:
         viewed_ns = self._viewing.due_ns
         return self._beat_due_ns if viewed_ns is None else min(self._beat_due_ns, viewed_ns)
 
+    def publishes(self, name: str) -> bool:
+        """Check that a machine's status is published, also if it has left since the last look."""
+        return name in self._entries
+
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
         self.obey()
