@@ -202,7 +202,7 @@ class Arrangement:
         kernel = self.kernel
         if kernel.reason is not None:
             kernel.refuse()
-        reason, self.control.thread = Reason.INTERRUPTED, get_ident()
+        reason, kernel.thread = Reason.INTERRUPTED, get_ident()
         with stop_on_signals(partial(stop_by_signal, kernel), kernel.critical):
             try:
                 kernel.attendant = kernel.environment.attend(self)

@@ -288,6 +288,8 @@ class Environment:
     """A world without a whiteboard, and the interface of every other environment."""
 
     whiteboard: Board | None = None
+    defers_stops: bool = False
+    """True if it lets a stop come only where no code of a machine runs: see `may_stop`."""
     due_ns: int | None = None
     """When the turn under way was due, or the last one; None if turns have no time of their own."""
     _woken = False

@@ -158,6 +158,7 @@ class Execution:
         elif not self._due_ns:  # what ended the last sleep would end each: prepare them anew
             return False
         woken = kernel.environment.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
+        kernel.show_stop()
         obeyed = self._attendant is not None and self._attendant.obey()
         if obeyed or woken or self._now() < deadline_ns:
             self._due_ns = 0

@@ -39,7 +39,7 @@ from llfsm.runtime.engine.events import (
 )
 from llfsm.runtime.engine.machine import Machine, Submachine
 from llfsm.runtime.engine.realtime import Critical
-from llfsm.runtime.engine.ringlet import Rotation, Running, defined_ringlet, ringlet, running
+from llfsm.runtime.engine.ringlet import Rotation, defined_ringlet, ringlet
 from llfsm.runtime.engine.schedule import Pacer, Timetable
 from llfsm.runtime.engine.seat import Failure, Roster, Seat, bind, observed_ringlet
 from llfsm.runtime.engine.statistics import Stopwatch
@@ -144,7 +144,7 @@ class Loader:
         self.classes[cls.__name__] = cls
         kernel.bind(seat)
         roster.add(seat)
-        machine.stopping = kernel.stopping  # last, as any thread may stop all
+        machine.stopping = kernel.stop_is_seen  # last, as any thread may stop all
         kernel.environment.loaded(name, path)
         return seat
 
@@ -160,7 +160,7 @@ class Loader:
             kernel.environment.release(seat.name, slot)
             seat.read_again(slot.name)
         kernel.bind(seat)
-        machine.stopping = seat.stopping or kernel.stopping
+        machine.stopping = seat.stopping or kernel.stop_is_seen
 
     def _make(self, machine: Loadable, variables: Mapping[str, Any] | None) -> Machine:
         made: object = self._look_up(machine) if isinstance(machine, str) else machine
@@ -218,6 +218,11 @@ class Kernel(Rotation[Seat]):
         self.rounds = 0
         self.stopping = False
         """True once the machines were asked to reach accepting states."""
+        self.stop_is_seen = False
+        """True once they see that."""
+        self.thread: int | None = None
+        """The thread of `run`."""
+        self._gives_turns = False
         self.stop_cause: str | None = None
         self.reason: Reason | None = None
         """The reason for the end; None before it."""
@@ -265,22 +270,9 @@ class Kernel(Rotation[Seat]):
         One that was suspended from another process keeps it going until a stop is asked for.
         """
         for seat in self.roster.seats:
-            if seat is not None and (not seat.settled or (seat.held and not self.stopping)):
+            if seat is not None and (not seat.settled or (seat.held and not self.stop_is_seen)):
                 return False
         return True
-
-    @property
-    def due_ns(self) -> int | None:
-        """When the next round begins; None if it begins when it is asked for."""
-        return None if self.pacer is None else self.pacer.next_ns
-
-    def running(self) -> tuple[Seat, Running] | None:
-        """Find the seat in which the ringlet's twin runs code, and that; for other threads."""
-        for seat in tuple(self.roster):
-            now = running(seat)
-            if now is not None:
-                return seat, now
-        return None
 
     # Who watches
 
@@ -332,10 +324,12 @@ class Kernel(Rotation[Seat]):
         With a period or a timetable, wait until they are due.
         """
         if self._gate is None and not self.observers:
+            self._begin_turns()
             fired = self.give_round(self.roster.seats)  # which grow and get holes on the way
         else:
             if self._gate is not None and not self._gate():
                 return False
+            self._begin_turns()
             self.rounds += 1
             if self.observers:
                 self.emit(RoundBegin(*self.stamp()))
@@ -343,6 +337,7 @@ class Kernel(Rotation[Seat]):
             if self.timetable is not None and self.pacer is not None:
                 seats = self.pacer.turns(self.roster.named)
             fired = self.give_turns(seats)
+        self._gives_turns = False
         if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.roster.standings()))
         return fired
@@ -351,7 +346,14 @@ class Kernel(Rotation[Seat]):
         """Do as `give_rounds`; with observers or a timetable, give only one round."""
         if self.observers or self.timetable is not None:
             return self.round()
-        return self.give_rounds(self.roster.seats, sleep)
+        self._begin_turns()
+        fired = self.give_rounds(self.roster.seats, sleep)
+        self._gives_turns = False
+        return fired
+
+    def _begin_turns(self) -> None:
+        self.show_stop()
+        self._gives_turns = True
 
     def abandon(self, seat: Seat, caller: Seat | None) -> None:
         """Suspend a machine now, and run its suspended ringlet inside this call.
@@ -444,13 +446,24 @@ class Kernel(Rotation[Seat]):
     # The end
 
     def stop(self, cause: str) -> None:
-        """Ask the machines to reach accepting states; may be called from any thread."""
+        """Ask the machines to reach accepting states; may be called from any thread.
+
+        They see it between two rounds, so that all code of a ringlet sees the same.
+        """
         if not self.stopping and self.reason is None and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
+            here = self.thread in (None, get_ident())
+            if self.environment.defers_stops or (here and not self._gives_turns):
+                self.show_stop()
+            self.environment.wake()
+
+    def show_stop(self) -> None:
+        """Let the machines see it, if they are to stop and no code of theirs runs."""
+        if self.stopping and not self.stop_is_seen:
+            self.stop_is_seen = True
             for seat in self.roster:
                 seat.machine.stopping = True
-            self.environment.wake()
 
     def look_at_world(self) -> None:
         """Stop if the environment does not exist any more."""
@@ -459,12 +472,15 @@ class Kernel(Rotation[Seat]):
 
     def pause(self, is_over: Callable[[], bool]) -> None:
         """Give no turn until `is_over`, which may wait, the end or a stop; obey requests."""
+        gives_turns, self._gives_turns = self._gives_turns, False
         with self.environment.paused():
             while not (self.stopping or self.reason is not None or is_over()):
                 if self.runs:
                     self.look_at_world()
                 if self.attendant is not None:
                     self.attendant.beat()
+        self.show_stop()
+        self._gives_turns = gives_turns
 
     def end(self, reason: Reason) -> None:
         """Run no more rounds and post the `at_end` messages; nothing if it has ended before."""
@@ -502,8 +518,6 @@ class Control:
 
     def __init__(self, kernel: Kernel, library: Library | None = None):
         self.kernel = kernel
-        self.thread: int | None = None
-        """The thread of `run`."""
         self.roster = kernel.roster
         self.loader = Loader(self, library)
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
@@ -679,6 +693,6 @@ class Control:
         One of a machine's code does not: it is for the next round, as what machines post.
         """
         status = seat.schedule(request)
-        if self.thread not in (None, get_ident()):
+        if self.kernel.thread not in (None, get_ident()):
             self.kernel.environment.wake()
         return status

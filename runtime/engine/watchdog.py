@@ -15,7 +15,7 @@ from types import FrameType
 from typing import NamedTuple
 
 from llfsm.runtime.engine.kernel import Kernel
-from llfsm.runtime.engine.ringlet import Running, defined_ringlet
+from llfsm.runtime.engine.ringlet import Running, defined_ringlet, running
 from llfsm.runtime.engine.seat import RUNTIME, Seat
 from llfsm.runtime.log import logger
 
@@ -71,7 +71,8 @@ def _ringlet_in(frame: FrameType) -> tuple[Seat, Running] | None:
     local = frame.f_locals
     if frame.f_code is not defined_ringlet.__code__:
         kernel: Kernel = local["self"]
-        return kernel.running()
+        seats = ((seat, running(seat)) for seat in tuple(kernel.roster))
+        return next(((seat, now) for seat, now in seats if now is not None), None)
     seat, state, code = local.get("seat"), local.get("state"), local.get("code")
     return None if seat is None or state is None else (seat, (state, code, frame.f_lasti))
 

@@ -36,6 +36,8 @@ class JournalledEnvironment(Environment):
     round on, or after the next sleep, so that all code of a ringlet sees the same.
     """
 
+    defers_stops = True
+
     def __init__(self, inner: Environment, journal: Journal):
         self.clock: _JournalledClock = _JournalledClock(inner.clock, journal)
         self._inner = inner

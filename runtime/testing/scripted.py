@@ -106,6 +106,7 @@ class ScriptedEnvironment(LiveEnvironment):
             for action in asked:
                 if action == "stop":
                     arrangement.stop("the script asks for it")
+                    arrangement.kernel.show_stop()
                 elif action == "suspend":
                     arrangement.control.hold(machine)  # as from another process
                 else:

@@ -111,7 +111,7 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
     end_ns = begin_ns + round(within_ms * 1e6)
     while True:
         round_ns = clock.now_ns()
-        fired = (arrangement.kernel.due_ns or 0) <= end_ns and arrangement.round()
+        fired = _due_ns(arrangement) <= end_ns and arrangement.round()
         machines += [machine for machine in arrangement.machines if machine not in machines]
         if holds(arrangement):
             return (clock.now_ns() - begin_ns) / 1e6
@@ -130,7 +130,13 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
 def next_round_ns(arrangement: Arrangement, round_ns: int, fired: bool) -> int:
     """Return the time of the round after one at `round_ns`, in which a transition `fired`."""
     pause_ns = _ROUND_NS if fired else max(arrangement.pace.idle_us * 1_000, _ROUND_NS)
-    return arrangement.kernel.due_ns or round_ns + pause_ns
+    return _due_ns(arrangement) or round_ns + pause_ns
+
+
+def _due_ns(arrangement: Arrangement) -> int:
+    """Return when the next round is due; 0 if it begins when it is asked for."""
+    pacer = arrangement.kernel.pacer
+    return 0 if pacer is None else pacer.next_ns or 0
 
 
 def _in_state(arrangement: Arrangement, place: str) -> Callable[[Arrangement], bool]:

@@ -282,3 +282,22 @@ def test_the_end_is_reported_once():
     with Arrangement([Brief], clock=ManualClock(), observers=[trace]) as arrangement:
         arrangement.run()
     assert [e.reason for e in trace if isinstance(e, End)] == ["accepting"]
+
+
+def test_a_stop_within_a_turn_is_seen_in_the_next_round():
+    """So all code of a ringlet sees the same, as it does in a proof."""
+    seen: list[tuple[bool, bool]] = []
+
+    class Asked(Machine):
+        on, off = State(), State()
+
+        @on.to(off)
+        def _(self) -> bool:
+            before = self.stopping
+            if len(seen) == 1:
+                signal.raise_signal(signal.SIGINT)
+            seen.append((before, self.stopping))
+            return before
+
+    Arrangement([Asked]).run()
+    assert seen == [(False, False), (False, False), (True, True)]

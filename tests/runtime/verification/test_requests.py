@@ -68,8 +68,8 @@ def test_a_run_ends_after_a_stop_unless_a_resume_is_there() -> None:
             if isinstance(event, Turn) and event.round == 2:
                 arrangement.control.hold("Sleeper")
             elif isinstance(event, Turn) and event.round == 4:
-                arrangement.stop()
-            elif isinstance(event, RoundEnd) and event.round == 4 and wakes:
+                arrangement.stop()  # which is seen in the next round
+            elif isinstance(event, RoundEnd) and event.round == 5 and wakes:
                 arrangement.resume("Sleeper")
 
         arrangement.attach(ask)
@@ -77,7 +77,7 @@ def test_a_run_ends_after_a_stop_unless_a_resume_is_there() -> None:
         rounds, state = arrangement.rounds, arrangement.state_name_of("Sleeper")
         seen = reason, rounds, state
         assert seen == (
-            (Reason.MAX_ROUNDS, 6, "AWAKE") if wakes else (Reason.ACCEPTING, 4, "ASLEEP")
+            (Reason.MAX_ROUNDS, 6, "AWAKE") if wakes else (Reason.ACCEPTING, 5, "ASLEEP")
         )
 
 
