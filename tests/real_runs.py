@@ -169,11 +169,11 @@ def _signals(arrangement: Arrangement, seed: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
+# Whoever ends it closes its input, and does not kill it: it would leave the other one stopped.
 _STOPPER = """
-import os, random, signal, sys, time
+import os, random, select, signal, sys, time
 pid = int(sys.argv[1])
-while os.getppid() == pid:
-    time.sleep(random.expovariate(200))
+while not select.select([0], [], [], random.expovariate(200))[0]:
     os.kill(pid, signal.SIGSTOP)
     time.sleep(random.choice([0.0005, 0.004, 0.02]))
     os.kill(pid, signal.SIGCONT)
@@ -186,10 +186,6 @@ def _stops(pid: int, *, wanted: bool) -> Iterator[None]:
     if not wanted:
         yield
         return
-    stopper = subprocess.Popen([sys.executable, "-c", _STOPPER, str(pid)])
-    try:
+    command = [sys.executable, "-c", _STOPPER, str(pid)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE):  # its end closes that, and waits
         yield
-    finally:
-        stopper.kill()
-        stopper.wait()
-        os.kill(pid, signal.SIGCONT)

@@ -89,20 +89,15 @@ def explore(
 ) -> Space:
     """Find all states that the machines can reach, and return the space with the verdicts.
 
-    The exploration ends early once every property is decided, if there are any; by `max_states` or
-    `max_seconds`; by Ctrl-C; and before memory is used up. The order of machines is that of their
-    turns.
+    It ends early once every property is decided, by `max_states`, `max_seconds` or Ctrl-C, and
+    before memory is used up. The order of machines is that of their turns.
 
     Args:
         machines: machine classes, functions that return a machine, or a `Member` for each.
-        period_ms: the time from one round to the next, in milliseconds, as in runs with this
-            period: there machines see when their turn was due, however late it began. Without one,
-            any time may pass before each round, also none, as in runs without a period. Then
-            `leads_to` without `within_ms` and `eventually_always` cannot be decided: if no time
-            need pass, what waits for it need never come.
-        any_time: True to say so; it is the same as no period.
-        skips: True to let rounds be left out, any number at once, as in runs that are more than a
-            second behind. `leads_to` with `within_ms` cannot be decided then.
+        period_ms: the time from one round to the next. Without one, any may pass, also none: then
+            `leads_to` without `within_ms` and `eventually_always` cannot be decided.
+        any_time: True to say so.
+        skips: True to let any number of rounds be left out, as in runs that are far behind.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
             the domains that sensors declare. A slot to which a machine posts can have none, and a

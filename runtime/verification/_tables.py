@@ -132,20 +132,8 @@ class Tables:
         ]
         self.turns = [packing.table(self._masks[n], self._turn_filler(n)) for n in places]
         """For each machine, the effects of its turn, each once; they weigh as much as all do."""
-        self.ticks = [
-            (
-                rounds,
-                [
-                    packing.table(
-                        self.controls[place].mask | self._elapsed[place].mask,
-                        self._tick_filler(place, rounds),
-                    )
-                    for place in places
-                    if self._elapsed[place].most
-                ],
-            )
-            for rounds in system.time_model.rounds(max(map(system.most_time, places)))
-        ]
+        most = max(map(system.most_time, places))
+        self.ticks = [(n, self._ticks(n)) for n in system.time_model.rounds(most)]
         """How many rounds after the one before a round may begin, and the time that passes then."""
         self._dispensable, self.settled = (
             [
@@ -363,6 +351,16 @@ class Tables:
             mask |= self.packing.mask(values)
             bits |= sum(self._put(field, value) for field, value in values.items())
         return self.packing.all & ~mask, bits
+
+    def _ticks(self, rounds: int) -> list[EffectTable]:
+        """Make the tables of the time that passes until a round so many after the one before."""
+        return [
+            self.packing.table(control.mask | elapsed.mask, self._tick_filler(place, rounds))
+            for place, (control, elapsed) in enumerate(
+                zip(self.controls, self._elapsed, strict=True)
+            )
+            if elapsed.most
+        ]
 
     def _tick_filler(self, place: int, rounds: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
