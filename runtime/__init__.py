@@ -34,7 +34,7 @@ from llfsm.runtime.engine.errors import (
 )
 from llfsm.runtime.engine.events import Event, Observer, Reason, Request, Status, Trace
 from llfsm.runtime.engine.machine import Machine, Submachine, define
-from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.ports import KEEP, Actuator, Sensor
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
 from llfsm.runtime.engine.state import State, Transition
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
@@ -45,6 +45,7 @@ from llfsm.runtime.presence.live import LiveEnvironment
 Arrangement.live = LiveEnvironment
 
 __all__ = [
+    "KEEP",
     "REQUIRED",
     "Actuator",
     "ActuatorClosedError",

@@ -31,8 +31,8 @@ from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
 from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.roster import numbered_names
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
-from llfsm.runtime.engine.seat import numbered_names
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     watchdog_ms: Positive | None = None
     realtime: Annotated[int, msgspec.Meta(ge=1, le=99)] | None = None
     cpu: NotNegative | None = None
+    grace_s: Annotated[float, msgspec.Meta(ge=0, le=_LONGEST_US / 1e6)] = 1.0
     will_after_ms: Annotated[int, msgspec.Meta(ge=500, le=_LONGEST_US)] | None = None
     on_pause: Literal["keep", "safe"] = "keep"
     debug_clock: bool = False
@@ -180,6 +181,7 @@ def assemble(
         watchdog_ms=plan.watchdog_ms,
         realtime=plan.realtime,
         cpu=plan.cpu,
+        grace_s=plan.grace_s,
     )
     planned = list(zip(classes.items(), plan.machines, strict=True))
     if timetable is None:

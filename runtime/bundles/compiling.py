@@ -37,14 +37,15 @@ from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.source_text import EXPRESSION, TextOnly
 from llfsm.runtime.engine.state import State, Transition
-from llfsm.runtime.engine.table import REQUIRED, Table
+from llfsm.runtime.engine.table import MAY_BE_OWN, REQUIRED, Table
 from llfsm.runtime.expressions.reads import MACHINE
 
 CONTROLS = {
     name: Meaning(name, "what every machine has") for name in dir(Machine) if name[0] != "_"
 }
 """The names that are known to the code of every machine."""
-_RESERVED = {*dir(Machine), "table"}
+_ALWAYS = {name: meaning for name, meaning in CONTROLS.items() if name not in MAY_BE_OWN}
+_RESERVED = {*dir(Machine), "table"} - MAY_BE_OWN
 
 
 class Scope(ABC):
@@ -139,7 +140,7 @@ class Scope(ABC):
         before = self.names.get(name)
         if name in _RESERVED or name[:2] == "__":
             what = "would hide what every machine has; rename it"
-        elif before is not None and before.attribute == self.prefix + name:
+        elif before not in (None, CONTROLS.get(name)) and before.attribute == self.prefix + name:
             what = "is declared twice"
         elif name in self.included:
             what = "is in the includes already; rename it"
@@ -213,7 +214,7 @@ class LoadedScope(Scope):
     def _resolved(self, node: ast.stmt, fragment: Fragment) -> dict[str, Any]:
         """Return the values that a declaration may name; raise `BundleError` if it names others."""
         values = self.module | self._values
-        resolve(node, fragment, Known(CONTROLS, values), running=False)
+        resolve(node, fragment, Known(_ALWAYS, values), running=False)
         return values
 
 

@@ -26,6 +26,7 @@ from llfsm.runtime.bundles.code import too_deep
 from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.bundles.names import UNTRANSLATED
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.table import MAY_BE_OWN
 
 _COMMENT = re.compile(r'"(?:\\.|[^"\\\n])*"|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
 _COUNT = re.compile(r"\bnumberOfTransitions\s*\(\s*(?:void)?\s*\)[^;{}]*\{\s*return\s+(\d+)\s*;")
@@ -427,7 +428,7 @@ def _declare(code: str, known: dict[str, CppVariable]) -> str:
 def _python_name(name: str, known: Mapping[str, CppVariable]) -> str:
     """Return `name`, or a similar free one if it has another meaning in a Python bundle."""
     taken = {variable.name for key, variable in known.items() if key != name}
-    reserved = (*dir(Machine), *keyword.kwlist, *_RESERVED)
+    reserved = {*dir(Machine), *keyword.kwlist, *_RESERVED} - MAY_BE_OWN
     while name in reserved or name in taken or name[:2] == "__":
         name = f"{name.lstrip('_')}_"
     return name

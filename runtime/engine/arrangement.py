@@ -59,6 +59,7 @@ class Arrangement:
             or "suspend" the machine and log it; one that fails while suspended is unloaded.
         watchdog_ms: report code of a machine that runs for longer, and post its safe values.
         realtime: the priority (1 to 99) of `run`, as for `in_real_time`, and its core (`cpu`).
+        grace_s: the seconds that machines have after a stop to reach accepting states in `run`.
         observers: functions to be called with every event.
 
     """
@@ -85,12 +86,14 @@ class Arrangement:
         watchdog_ms: float | None = None,
         realtime: int | None = None,
         cpu: int | None = None,
+        grace_s: float = 1.0,
         observers: Iterable[Observer] = (),
     ):
         for option, value, least in (
             ("idle_us", idle_us, 0),
             ("period_us", 1 if period_us is None else period_us, 1),
             ("watchdog_ms", 1 if watchdog_ms is None else watchdog_ms, 1),
+            ("grace_s", grace_s, 0),
         ):
             if value < least:
                 raise OptionError(f"{option} is {value}; it must be {least} or more")
@@ -117,7 +120,7 @@ class Arrangement:
         """Requests, questions and loading by name, as machines' own code has them."""
         self.roster = kernel.roster
         """Who is loaded: the seats by index and by name."""
-        self.pace = Pace(idle_us, wake, watchdog_ms, realtime, cpu)
+        self.pace = Pace(idle_us, wake, watchdog_ms, realtime, cpu, grace_s)
         # Bound here: a call that only passes another one on would cost a tenth of a round.
         self.round: Callable[[], bool] = kernel.round
         """Give every machine one turn, in order; return True if a transition fired.
@@ -190,23 +193,25 @@ class Arrangement:
 
     # Running
 
-    def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
+    def run(self, *, grace_s: float | None = None, max_rounds: int | None = None) -> Reason:
         """Run rounds until every machine accepts or is suspended; return why it ended.
 
         A failed machine keeps it going if other processes can resume it; else that is the reason.
         After `stop`, SIGINT or SIGTERM (in the main thread), or when the whiteboard has gone, the
-        machines see `stopping` and have `grace_s` seconds to reach accepting states. A second
-        signal acts as if there were no arrangement, but keeps no safe value from being posted.
+        machines see `stopping` in one turn or more, and have `grace_s` seconds, by default the
+        arrangement's, to reach accepting states. A second signal acts as if there were no
+        arrangement, but keeps no safe value from being posted.
         `max_rounds` ends it after that round.
         """
         kernel = self.kernel
         if kernel.reason is not None:
             kernel.refuse()
+        pace = self.pace if grace_s is None else self.pace._replace(grace_s=grace_s)
         reason, kernel.thread = Reason.INTERRUPTED, get_ident()
         with stop_on_signals(partial(stop_by_signal, kernel), kernel.critical):
             try:
                 kernel.attendant = kernel.environment.attend(self)
-                execution = Execution(self.control, self.pace, grace_s)
+                execution = Execution(self.control, pace)
                 kernel.runs = True
                 reason = execution.run(max_rounds)
             except Exception:

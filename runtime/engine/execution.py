@@ -27,13 +27,17 @@ _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world 
 
 
 class Pace(NamedTuple):
-    """The options of a run; `priority` is that of SCHED_FIFO, 1 to 99, and `cpu` the only core."""
+    """The options of a run; `priority` is that of SCHED_FIFO, 1 to 99, and `cpu` the only core.
+
+    `grace_s` is how long machines have to reach accepting states once they are to stop.
+    """
 
     idle_us: int = 10_000
     wake: bool = True
     watchdog_ms: float | None = None
     priority: int | None = None
     cpu: int | None = None
+    grace_s: float = 1.0
 
 
 class Execution:
@@ -43,13 +47,13 @@ class Execution:
     A machine that has failed waits for such a request, if one can come.
     """
 
-    def __init__(self, control: Control, pace: Pace, grace_s: float):
+    def __init__(self, control: Control, pace: Pace):
         self._control = control
         self._kernel = control.kernel
         self._pace = pace
         self._clock = self._kernel.environment.clock
         self._now = self._clock.now_ns
-        self._grace_ns = round(grace_s * 1e9)
+        self._grace_ns = round(pace.grace_s * 1e9)
         self._give_up_ns: int | None = None  # when the grace period ends
         self._woken = False  # whether the last sleep between rounds ended early
         self._due_ns = 0  # when, of rounds that change nothing, one is to be looked after
@@ -93,7 +97,7 @@ class Execution:
             failed = finished and not kernel.stopping and bool(kernel.roster.failed)
             if failed and self._attendant is not None and self._attendant.reachable:
                 finished = False
-            if not finished and self._grace_is_over():
+            if not finished and self._is_over():
                 return Reason.STOPPED
             self._woken = False
             if not self._is_paced and not fired and self._pace.idle_us:
@@ -113,8 +117,8 @@ class Execution:
         if left_ns > 0:
             self._report_sleep(left_ns)
         if self._pace.priority is not None:
-            self._nap(due_ns - _EARLY_NS, self._is_over, kernel.environment.clock.sleep_until_ns)
-        self._nap(due_ns, self._is_over, kernel.environment.clock.sleep_until_ns)
+            self._nap(due_ns - _EARLY_NS, self._hurries, kernel.environment.clock.sleep_until_ns)
+        self._nap(due_ns, self._hurries, kernel.environment.clock.sleep_until_ns)
         return not self._is_over()
 
     def _sleep_on(self, deadline_ns: int) -> None:
@@ -123,7 +127,7 @@ class Execution:
         stopping = kernel.stopping
         self._woken = self._nap(
             deadline_ns,
-            lambda: kernel.stopping is not stopping or self._grace_is_over(),
+            lambda: kernel.stopping is not stopping or self._hurries(),
             (kernel.environment if self._pace.wake else kernel.environment.clock).sleep_until_ns,
         )
 
@@ -192,12 +196,16 @@ class Execution:
         return False
 
     def _is_over(self) -> bool:
+        """Check that no turn is to follow: after a stop, machines have at least one to see it."""
         kernel = self._kernel
-        return kernel.reason is not None or (kernel.stopping and self._grace_is_over())
+        if kernel.reason is not None:
+            return True
+        return kernel.stop_is_seen and kernel.rounds > kernel.stop_round and self._hurries()
 
-    def _grace_is_over(self) -> bool:
+    def _hurries(self) -> bool:
+        """Check that there is no time left to sleep, as all ends or the grace period is over."""
         if not self._kernel.stopping:
-            return False
+            return self._kernel.reason is not None
         now_ns = self._now()
         if self._give_up_ns is None:
             self._give_up_ns = now_ns + self._grace_ns

@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from threading import get_ident
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, Unpack
 
-from llfsm.runtime.engine.environment import Attendant, Environment, Read
+from llfsm.runtime.engine.environment import Attendant, Environment
 from llfsm.runtime.engine.errors import (
     ArrangementEndedError,
     ExecutionError,
@@ -40,8 +40,9 @@ from llfsm.runtime.engine.events import (
 from llfsm.runtime.engine.machine import Machine, Submachine
 from llfsm.runtime.engine.realtime import Critical
 from llfsm.runtime.engine.ringlet import Rotation, defined_ringlet, ringlet
+from llfsm.runtime.engine.roster import Roster
 from llfsm.runtime.engine.schedule import Pacer, Timetable
-from llfsm.runtime.engine.seat import Failure, Roster, Seat, bind, observed_ringlet
+from llfsm.runtime.engine.seat import Failure, Instrument, Seat, bind, observed_ringlet
 from llfsm.runtime.engine.statistics import Stopwatch
 from llfsm.runtime.log import logger
 
@@ -71,31 +72,6 @@ class LoadOptions(TypedDict, total=False):
     variables: Mapping[str, Any] | None
     slots: Mapping[str, str] | None
     path: str | None
-
-
-class Instrument(Protocol):
-    """A debugger in an arrangement, where observing every event would cost too much."""
-
-    def bound(self, seat: Seat) -> None:
-        """Wrap what is of interest of a machine's table, which has just been bound."""
-
-    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
-        """Wrap `read`, the reader of a sensor of `slot`, or return it as it is."""
-
-    def look(self) -> None:
-        """Do what is due; called several times a second where requests come from outside."""
-
-    def end_lease(self, machine: str, slot: str) -> None:
-        """End the lease of what was overridden before: it does not end the override after it."""
-
-    def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return the seconds for which a sensor stays overridden; None until a release."""
-
-    def pause_left_s(self) -> float | None:
-        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
-
-    def failed(self, seat: Seat, error: ExecutionError) -> None:
-        """Note that code of a machine has raised; what comes of that waits for the return."""
 
 
 class Loader:
@@ -211,7 +187,7 @@ class Kernel(Rotation[Seat]):
         on_error: OnError = "stop",
     ):
         self.environment = environment
-        self.roster = Roster()
+        self.roster: Roster[Seat] = Roster()
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
@@ -219,7 +195,8 @@ class Kernel(Rotation[Seat]):
         self.stopping = False
         """True once the machines were asked to reach accepting states."""
         self.stop_is_seen = False
-        """True once they see that."""
+        """True once they see that, which is after round `stop_round`."""
+        self.stop_round = 0
         self.thread: int | None = None
         """The thread of `run`."""
         self._gives_turns = False
@@ -461,7 +438,7 @@ class Kernel(Rotation[Seat]):
     def show_stop(self) -> None:
         """Let the machines see it, if they are to stop and no code of theirs runs."""
         if self.stopping and not self.stop_is_seen:
-            self.stop_is_seen = True
+            self.stop_is_seen, self.stop_round = True, self.rounds
             for seat in self.roster:
                 seat.machine.stopping = True
 
@@ -535,10 +512,21 @@ class Control:
         return seat.index
 
     def call_machine(
-        self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
+        self,
+        machine: type[M] | M | str,
+        caller: Seat | None = None,
+        *,
+        detached: bool = False,
+        **how: Unpack[LoadOptions],
     ) -> Submachine[M]:
-        """Load a machine as `load` does, to wait for its end and read its results."""
-        return Submachine(self.loader.load(machine, **how), caller)
+        """Load a machine as `load` does, to wait for its end and read its results.
+
+        It ends when its caller leaves the state that it is in, unless it is `detached`.
+        """
+        seat = self.loader.load(machine, **how)
+        if caller is not None and not detached:
+            caller.add_call(seat)
+        return Submachine(seat, caller)
 
     def reload(self, name: str, cls: type[Machine]) -> None:
         """Replace a machine by `cls`, another definition of it, and restart it; between two turns.

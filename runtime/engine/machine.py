@@ -163,6 +163,12 @@ class Machine(metaclass=MachineType):
         return self._seat.stopping
 
     @property
+    def failure(self) -> Any:  # so that a machine may have one of its own, of another type
+        """The `ExecutionError` for which this machine was suspended; None if there was none."""
+        failure = self._seat.failure
+        return None if failure is None else failure.error
+
+    @property
     def number_of_machines(self) -> int:
         """The number of indices in use, holes included."""
         return self._called("number_of_machines", None, self._seat.control.number_of_machines)
@@ -244,13 +250,18 @@ class Machine(metaclass=MachineType):
         index = self._seat.control.load_suspended(machine, **how)
         return self._called("load_suspended", _called_by(machine), index)
 
-    def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
+    def call_machine(
+        self, machine: type[M] | M | str, *, detached: bool = False, **how: Unpack[LoadOptions]
+    ) -> Submachine[M]:
         """Load a machine as a submachine, whose end can be waited for and its results read.
 
         Keep what is returned in a variable, guard a transition with its `done`, and read the
-        variables of its `machine`.
+        variables of its `machine`. The call belongs to the state in which it is made: when that is
+        left, or this machine is suspended, restarted, unloaded or fails, the submachine is
+        unloaded and posts its safe values first. One that is `detached` stays loaded.
         """
-        called = self._seat.control.call_machine(machine, self._seat, **how)
+        control = self._seat.control
+        called = control.call_machine(machine, self._seat, detached=detached, **how)
         return self._called("call_machine", _called_by(machine), called)
 
     def unload(self, name: str) -> bool:
@@ -315,7 +326,7 @@ M_co = TypeVar("M_co", bound=Machine, covariant=True)
 class Submachine(Polled, Generic[M_co]):
     """A called machine. It takes its turns like all others; its caller polls its status.
 
-    Nothing waits: guard a transition with `done`. It stays loaded if its caller is unloaded.
+    Nothing waits: guard a transition with `done`. It ends with the state in which it was called.
     """
 
     def __init__(self, seat: Seat, caller: Seat | None):

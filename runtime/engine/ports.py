@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, Generic, NoReturn, Self, TypeVar, overload
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, Generic, NoReturn, Self, TypeVar, overload
 
 from llfsm.runtime.engine.errors import ActuatorClosedError, DefinitionError, NotLoadedError
 
@@ -119,13 +120,25 @@ class Sensor(Generic[M, D]):
         return self if machine is None else self.default
 
 
+class Keep(Enum):
+    """Instead of a safe value: a suspension posts nothing."""
+
+    KEEP = "KEEP"
+
+
+KEEP: Final = Keep.KEEP
+"""As `at_suspend`: a suspension posts nothing, as the suspend state brings the robot to rest."""
+
+
 class Actuator(Generic[M]):
     """Post to a slot by calling: `self.drive(Twist())` adds the message and returns its count.
 
     Safe values are posted by the arrangement itself: `at_suspend` when a suspension of the machine
     takes effect, before its OnSuspend; `at_failure` when code of the machine raises; `at_end` once
     when the machine leaves its arrangement or the arrangement ends, however it ends. By default
-    `at_failure` is `at_suspend`, and that is `at_end`; without any, nothing is posted.
+    `at_failure` is `at_suspend`, and that is `at_end`; without any, nothing is posted. A restart
+    posts `at_suspend`, too. With `at_suspend=KEEP` a suspension posts nothing: the suspend state's
+    own code brings the robot to rest; a restart and a failure then post `at_end` by default.
 
     With `exclusive`, no other machine on the board may have an exclusive actuator of the slot:
     the second one is not loaded (`ActuatorTakenError`), whichever process runs it.
@@ -137,7 +150,7 @@ class Actuator(Generic[M]):
         self,
         slot: Slot[M],
         *,
-        at_suspend: M | None = None,
+        at_suspend: M | Keep | None = None,
         at_end: M | None = None,
         at_failure: M | None = None,
         exclusive: bool = False,
@@ -146,8 +159,9 @@ class Actuator(Generic[M]):
         self.slot = slot
         self.exclusive = exclusive
         self.at_end = at_end
-        self.at_suspend = at_end if at_suspend is None else at_suspend
-        self.at_failure = self.at_suspend if at_failure is None else at_failure
+        self.at_restart = at_end if at_suspend in (None, KEEP) else at_suspend
+        self.at_suspend = None if at_suspend is KEEP else self.at_restart
+        self.at_failure = self.at_restart if at_failure is None else at_failure
 
     def closed(self, machine: str) -> Callable[[M], NoReturn]:
         """Make the stand-in for the actuator of a machine that has ended: it refuses to post."""

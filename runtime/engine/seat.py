@@ -3,17 +3,14 @@
 `bind` fills the states of a seat from its machine's table, as the ringlet wants them. While there
 are observers, each function is wrapped in one that reports it, so that the one ringlet serves both
 and pays for observers only when there are some.
-
-The `Roster` holds the seats of an arrangement by index and by name.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from itertools import count
 from math import floor
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.engine.clock import NEVER
@@ -23,7 +20,6 @@ from llfsm.runtime.engine.errors import (
     LoadError,
     ObserverError,
     SensorNameError,
-    UnknownMachineError,
 )
 from llfsm.runtime.engine.events import Eval, Request, Section, Standing, Status, Turn
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -44,6 +40,7 @@ RUNTIME = os.path.dirname(os.path.dirname(__file__))
 
 _FOREVER_NS = 2**63 - 1  # by any clock
 _ON_SUSPEND = SECTIONS.index("OnSuspend")
+_LEAVING = ("on_exit", "on_suspend", "on_resume")  # with these a state ends, the last of suspension
 
 
 def bind(seat: Seat, *, observed: bool) -> None:
@@ -58,6 +55,8 @@ def bind(seat: Seat, *, observed: bool) -> None:
             transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
         bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
         bound.transitions = tuple(transitions)
+    for bound in seat.calls:
+        _end_calls_with(seat, bound)
     states = seat.states.values()
     seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
 
@@ -75,6 +74,23 @@ def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
             code(machine)
 
     return post_and_run
+
+
+def _end_calls_with(seat: Seat, bound: BoundState) -> None:
+    """Let the machines that were called in a state end when it is left, before its own code."""
+
+    def ending(code: SectionCode | None) -> SectionCode:
+        def end_and_run(machine: Any) -> None:
+            if seat.current is not bound:  # else it is a transition to the same state
+                seat.end_calls(bound)
+            if code is not None:
+                code(machine)
+
+        return end_and_run
+
+    for name in _LEAVING:
+        if name != "on_resume" or bound is seat.suspension:
+            setattr(bound, name, ending(getattr(bound, name)))
 
 
 def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
@@ -136,6 +152,31 @@ def observed_ringlet(seat: Seat) -> bool:
     return defined_ringlet(seat)
 
 
+class Instrument(Protocol):
+    """A debugger in an arrangement, where observing every event would cost too much."""
+
+    def bound(self, seat: Seat) -> None:
+        """Wrap what is of interest of a machine's table, which has just been bound."""
+
+    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
+        """Wrap `read`, the reader of a sensor of `slot`, or return it as it is."""
+
+    def look(self) -> None:
+        """Do what is due; called several times a second where requests come from outside."""
+
+    def end_lease(self, machine: str, slot: str) -> None:
+        """End the lease of what was overridden before: it does not end the override after it."""
+
+    def left_s(self, machine: str, sensor: str) -> float | None:
+        """Return the seconds for which a sensor stays overridden; None until a release."""
+
+    def pause_left_s(self) -> float | None:
+        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
+
+    def failed(self, seat: Seat, error: ExecutionError) -> None:
+        """Note that code of a machine has raised; what comes of that waits for the return."""
+
+
 class Arrival(NamedTuple):
     """The transition by which a machine has come into its state; none if `source` is empty."""
 
@@ -165,6 +206,7 @@ class Seat(SeatFields):
         "accepted",
         "called",
         "caller",
+        "calls",
         "control",
         "doing",
         "fired",
@@ -219,6 +261,7 @@ class Seat(SeatFields):
         self.taken = True
         self.called = False  # whether somebody waits for its end
         self.caller: Seat | None = None  # the machine that does
+        self.calls: dict[BoundState, list[Seat]] = {}  # which end with the state
         self.hang = ""  # where its code hangs, as a watchdog has found
         self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
@@ -278,6 +321,22 @@ class Seat(SeatFields):
             self.previous = self.remembered = self.current
             self.current = self.suspension
 
+    def add_call(self, called: Seat) -> None:
+        """Let a machine that this one has called end with the state that it is in."""
+        if self.current not in self.calls:
+            self.calls[self.current] = []
+            _end_calls_with(self, self.current)
+            self.notifies = True
+        self.calls[self.current].append(called)
+
+    def end_calls(self, state: BoundState | None = None) -> None:
+        """Unload the machines that were called in a state, or in any: the latest first."""
+        for each in [state] if state is not None else [*self.calls]:
+            while called := self.calls.get(each):
+                seat = called.pop()
+                if seat.taken:
+                    self.kernel.unload(seat, None)
+
     def perform_request(self) -> None:
         """Apply and clear the request."""
         request, self.request = self.request, None
@@ -285,6 +344,9 @@ class Seat(SeatFields):
         if request is Request.SUSPEND:
             self.suspend()
         elif request is Request.RESTART:
+            self.end_calls()
+            if not self.suspended:
+                self.post_safe("at_restart")
             self.current, self.previous = self.initial, None
             self.accepted, self.failure = False, None
         elif self.suspended and self.remembered is not self.suspension:
@@ -376,6 +438,8 @@ class Seat(SeatFields):
         if self.meter is not None:  # which counts the time in the states of the one before
             self.meter.unseat(self.kernel.environment.clock.now_ns())
             self.meter = self.timed = None
+        self.end_calls()
+        self.calls.clear()
         self.post_safe("at_end", self.kernel.environment.whiteboard, before)
         self._close_actuators(before)
         self.held = self.held and self.request is Request.SUSPEND
@@ -443,6 +507,12 @@ class Seat(SeatFields):
             )
         return sensors[name]
 
+    @property
+    def slots_read(self) -> frozenset[str]:
+        """The names of the slots that the machine reads, on the board."""
+        sensors = type(self.machine).table.sensors.values()
+        return frozenset(self.slot_of(sensor).name for sensor in sensors)
+
     def slot_of(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
         """Return the slot that the port is connected to."""
         slot = port.slot
@@ -459,6 +529,7 @@ class Seat(SeatFields):
         """Leave the seat and post the `at_end` messages; nothing if that was done before."""
         if self.taken:
             self.taken = False
+            self.end_calls()
             self._wake_caller()
             self.post_safe("at_end")
             self._close_actuators(self.machine)
@@ -468,6 +539,7 @@ class Seat(SeatFields):
         """Note that code of the machine has raised, and post the `at_failure` messages."""
         self.failure = failure
         self.request = None
+        self.end_calls()
         self._wake_caller()
         if self.taken:  # else the values for an end were posted, and stay
             self.post_safe("at_failure")
@@ -479,7 +551,7 @@ class Seat(SeatFields):
 
     def post_safe(
         self,
-        when: Literal["at_suspend", "at_end", "at_failure"],
+        when: Literal["at_suspend", "at_restart", "at_end", "at_failure"],
         board: Board | None = None,
         machine: Machine | None = None,
     ) -> None:
@@ -584,89 +656,3 @@ def _text(describe: Callable[[object], str], value: object) -> str:
         return describe(value)
     except Exception as error:  # of a class of the machine's own
         return f"({type(error).__name__} while it was described)"
-
-
-def numbered_names(name: str) -> Iterator[str]:
-    """Yield the names for machines called `name`, as `P`, `P.0`, `P.1` … for `P`."""
-    yield name
-    yield from (f"{name}.{number}" for number in count())
-
-
-class Roster:
-    """The seats of an arrangement in order, and by name.
-
-    Unloading leaves a hole, so that no index shifts; a hole is filled again only by a machine of
-    the same path.
-    """
-
-    def __init__(self) -> None:
-        self.seats: list[Seat | None] = []
-        """In order of index, with None for each hole. It grows and gets holes during a round."""
-        self.named: dict[str, Seat] = {}
-        self._holes: dict[int, str] = {}  # index -> path of the machine that left it
-
-    def __iter__(self) -> Iterator[Seat]:
-        """Return the seats that are taken, in order."""
-        return (seat for seat in self.seats if seat is not None)
-
-    def standings(self) -> tuple[Standing | None, ...]:
-        """Return the machines' standings, in order of index, with None for each hole."""
-        return tuple(None if seat is None else seat.standing() for seat in self.seats)
-
-    def states(self) -> dict[str, str]:
-        """Return the name of each machine's current state, by machine."""
-        return {name: seat.current.name for name, seat in self.named.items()}
-
-    @property
-    def failed(self) -> list[str]:
-        """The names of the machines whose code has raised, and that were not resumed since."""
-        return [seat.name for seat in self if seat.failure is not None]
-
-    @property
-    def slots_read(self) -> set[str]:
-        """The names of the slots that machines read, on the board."""
-        return {
-            seat.slot_of(sensor).name
-            for seat in self
-            for sensor in type(seat.machine).table.sensors.values()
-        }
-
-    def find(self, name: str) -> Seat:
-        """Return a machine's seat; raise `UnknownMachineError` if there is none of that name."""
-        try:
-            return self.named[name]
-        except KeyError:
-            raise UnknownMachineError(name, self.named) from None
-
-    def at(self, index: int) -> Seat:
-        """Return the seat at `index`; raise `UnknownMachineError` if none is there."""
-        seat = self.seats[index] if 0 <= index < len(self.seats) else None
-        if seat is None:
-            raise UnknownMachineError(index, self.named)
-        return seat
-
-    def free_index(self, path: str) -> int:
-        """Return the index for the next machine of that path."""
-        holes = (index for index, left in sorted(self._holes.items()) if left == path)
-        return next(holes, len(self.seats))
-
-    def free_name(self, name: str) -> str:
-        """Return the first of the names for machines called `name` that is not taken."""
-        return next(free for free in numbered_names(name) if free not in self.named)
-
-    def add(self, seat: Seat) -> None:
-        """Put a seat at its index, which `free_index` has returned."""
-        self.named[seat.name] = seat
-        if self._holes.pop(seat.index, None) is None:
-            self.seats.append(seat)
-        else:
-            self.seats[seat.index] = seat
-
-    def remove(self, seat: Seat) -> bool:
-        """Leave a hole in place of a seat; return False if it has gone before."""
-        if self.seats[seat.index] is not seat:
-            return False
-        self.seats[seat.index] = None
-        self._holes[seat.index] = seat.path
-        del self.named[seat.name]
-        return True

@@ -19,6 +19,8 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.state import ClassBody, State
 
 Point: TypeAlias = tuple[float, float]
+MAY_BE_OWN: Final = frozenset({"failure"})
+"""Members of every machine that one may replace by a state or variable of its own."""
 
 
 class StateBox(NamedTuple):
@@ -169,6 +171,7 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
     """
     owners = [owner for owner in reversed(cls.__mro__) if owner not in root.__mro__]
     reserved = {name for name in dir(root) if name[:2] != "__"} | _annotations(type(root)).keys()
+    reserved -= MAY_BE_OWN
     for owner in owners:
         if owner is not cls and isinstance(owner, type(root)):
             continue  # checked when it was made

@@ -18,7 +18,7 @@ import msgspec
 from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.seat import numbered_names
+from llfsm.runtime.engine.roster import numbered_names
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath

@@ -64,8 +64,6 @@ class TimeUpError(Exception):
     """The time to explore is over."""
 
 
-_FAILURE = Failure(ExecutionError("", "", "", "", None, None), NEVER)
-"""The failure of every machine that has failed: what its code raised is no part of a state."""
 ENDINGS = (KeyboardInterrupt, TimeUpError)
 """The exceptions that end an exploration: a property that is not decided by then is undecided."""
 
@@ -106,7 +104,7 @@ class _ExploredKernel(Kernel):
             self.error = error
             return
         self.raised_in = seat.previous
-        seat.fail(_FAILURE)
+        seat.fail(Failure(error, NEVER))
         self.set_aside(seat)
 
 
@@ -135,6 +133,8 @@ class Ringlets(Control):
         )
         super().__init__(kernel)
         self._controlled = frozenset(controlled)  # by anybody
+        raised: Any = Unknown(self.environment, "the error for which it was suspended")
+        self._failure = Failure(raised, NEVER)  # of each: what was raised is no part of a state
         self._complete = False
         for member in members:
             member.load(self)
@@ -364,7 +364,12 @@ class Ringlets(Control):
         return super().load_suspended(machine, **how)
 
     def call_machine(
-        self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
+        self,
+        machine: type[M] | M | str,
+        caller: Seat | None = None,
+        *,
+        detached: bool = False,
+        **how: Unpack[LoadOptions],
     ) -> Submachine[M]:
         """Refuse to call a submachine."""
         self.environment.refuse(f"calls {machine!r} as a submachine: this cannot be explored")
@@ -393,7 +398,7 @@ class Ringlets(Control):
         seat.request = control.request
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
-        seat.failure = _FAILURE if control.failed else None
+        seat.failure = self._failure if control.failed else None
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:

@@ -452,7 +452,7 @@ _REFUSALS = {
 _TAKEN = {
     *("machines", "board", "idle_us", "wake", "period_us", "unload_accepting", "on_error"),
     *("realtime", "cpu", "will_after_ms", "debug_clock", "breakpoints", "verify"),
-    *("definition", "name", "suspended", "variables", "slots"),
+    *("definition", "name", "suspended", "variables", "slots", "grace_s"),
 }
 
 

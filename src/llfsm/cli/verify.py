@@ -46,7 +46,16 @@ _COVERED: Final[dict[type, frozenset[str]]] = {
     Plan: frozenset(
         {
             *("machines", "period_us", "idle_us", "unload_accepting", "on_error", "verify"),
-            *("board", "wake", "realtime", "cpu", "debug_clock", "breakpoints", "will_after_ms"),
+            *(
+                "board",
+                "wake",
+                "realtime",
+                "cpu",
+                "debug_clock",
+                "breakpoints",
+                "will_after_ms",
+                "grace_s",
+            ),
         }
     ),
     PlannedMachine: frozenset({"definition", "name", "suspended", "variables", "slots"}),

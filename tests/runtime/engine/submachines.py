@@ -109,13 +109,14 @@ class Calls(Machine):
 
     what: Any = None
     called: Any = None
+    detached: bool = False
     a = State()
     b = State()
     a.to(b, when=lambda m: False)
 
     @a.on_entry
     def _(self) -> None:
-        self.called = self.call_machine(self.what)
+        self.called = self.call_machine(self.what, detached=self.detached)
 
 
 class Counts(Machine):

@@ -201,3 +201,26 @@ def test_an_error_in_a_machine_suspends_it_alone(schedule: str, caplog: pytest.L
     assert len(caplog.records) == 1
     ringlets = {of.machine: of.ringlets for of in arrangement.statistics()}
     assert ringlets == {"F": 4, "W": 4}  # the failing turn and the suspended ones count
+
+
+@pytest.mark.parametrize("grace_s", [0, 0.01])
+def test_machines_see_a_stop_in_a_turn_though_the_period_is_longer_than_the_grace(grace_s: float):
+    clock = ManualClock()
+    seen: list[tuple[float, bool]] = []
+
+    class Asked(Machine):
+        on, off = State(), State()
+
+        @on.internal
+        def _(self) -> None:
+            seen.append((clock.now_ns() / 1e9, self.stopping))
+            if len(seen) == 2:
+                arrangement.stop()
+
+        on.to(off, when=lambda self: self.stopping)
+
+    arrangement = Arrangement([Asked], clock=clock, period_us=60_000_000, grace_s=grace_s)
+    assert arrangement.run() is Reason.STOPPED or arrangement.reason is Reason.ACCEPTING
+    assert [stopping for _, stopping in seen] == [False, False]
+    assert arrangement.rounds >= 3
+    assert clock.now_ns() / 1e9 <= 60 + 0.05

@@ -9,7 +9,7 @@ import pytest
 from llfsm.runtime import Machine
 from llfsm.runtime.expressions import reads
 
-OTHERS = {"age_ms", "name", "name_of", "number_of_machines", "state_name", "stopping"}
+OTHERS = {"age_ms", "failure", "name", "name_of", "number_of_machines", "state_name", "stopping"}
 
 
 def test_every_function_of_machines_is_known() -> None:

@@ -16,6 +16,7 @@ from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
+    Number,
     board_option,
     break_option,
     end_with_input,
@@ -113,6 +114,13 @@ class _Priority(Integer):
     help="Run at this SCHED_FIFO priority (default 50) with locked memory; an error if forbidden.",
 )
 @click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run only on core N.")
+@click.option(
+    "--grace",
+    "grace_s",
+    metavar="SECONDS",
+    type=Number(0),
+    help="After Ctrl-C, the time for machines to reach accepting states; by default 1.",
+)
 @click.option(
     "--will-after",
     "will_after_ms",

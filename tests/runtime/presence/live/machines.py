@@ -61,7 +61,7 @@ class Caller(Machine):
 
     @a.on_entry
     def _(self) -> None:
-        self.call_machine(Idle)
+        self.call_machine(Idle, detached=True)
 
 
 class Obedient(Machine):
