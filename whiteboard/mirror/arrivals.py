@@ -6,6 +6,9 @@ enter, and the sender's type of it is the board's; its version is not too far ah
 its slot is not over its rate; the slot holds it; it is newer than the board's. One that fails is
 refused alone, counted under its kind, and logged once for each kind.
 
+A last will is a message whose values a guard of this host posts one day, to slots that it names. So
+it passes the same gates for each of them: what its sender may not post itself is taken out.
+
 A slot that the board does not have is made from its declaration, which a sender adds to the first
 message; if that batch was lost, the slot is `unknown` until a query is answered, with declarations.
 
@@ -22,9 +25,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from llfsm.whiteboard.errors import BoardClosedError, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import BELL, REQUESTS, Bell
+from llfsm.whiteboard.messages.llfsm import BELL, REQUESTS, WILLS, Bell, LastWill
 from llfsm.whiteboard.mirror.batches import (
     Declaration,
     ReceivedBatch,
@@ -44,6 +48,7 @@ from llfsm.whiteboard.slot_names import OWN
 T = TypeVar("T")
 _VALUES = decoder(Value)
 _DECLARATIONS = decoder(Declaration)
+_WILL = msgspec.msgpack.Decoder(LastWill)
 _EARLY_NS = 5_000_000  # by which a message may pass before its time, for jitter
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
@@ -212,6 +217,8 @@ class Arrivals:
                     if route is None or route.cell.kind != value.kind or not route.enters:
                         route = self._find_route(source, value, declared.get(value.slot))
                     if route is not None and self._is_timely(source, value):
+                        if value.slot.startswith(WILLS):
+                            value = self._permitted(source, value)
                         self._enter(source, route, value, now_ns)
                 except BoardClosedError:
                     return
@@ -225,6 +232,32 @@ class Arrivals:
             return True
         self._refusals.add(f"from {source}: {slot}", f"slot {slot!r}: {source} may not add to it")
         return False
+
+    def _permitted(self, source: Source, value: Value) -> Value:
+        """Take those values out of a last will that its sender may not post itself."""
+        try:
+            will = _WILL.decode(value.payload)
+        except (msgspec.DecodeError, ValueError):  # nobody can execute it
+            return value
+        naming = self.routes.naming
+        kept = []
+        for each in will.values:
+            local = each.slot if naming.is_own(value.slot) else naming.local(each.slot)
+            if local is None or self._may_post(source, local):
+                kept.append(each)  # one without a name here is for others
+            else:
+                what = (
+                    f"last will {value.slot!r}: {source} may not add to {local!r} in it"
+                )
+                self._refusals.add(f"in a last will from {source}: {local}", what)
+        if len(kept) == len(will.values):
+            return value
+        will = replace(will, values=tuple(kept))
+        return replace(value, payload=msgspec.msgpack.encode(will))
+
+    def _may_post(self, source: Source, slot: str) -> bool:
+        access = self._access.get(source.name, _NOTHING) if self._access else None
+        return bool(self.routes.enters(slot)) and (access is None or bool(access(slot)))
 
     def _here(self, sent: Value | None) -> Value | None:
         """Give a message the name of its slot here; return None, counted, if it has none."""

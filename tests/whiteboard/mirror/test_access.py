@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from free_ports import free_endpoint
-from llfsm.whiteboard import NetworkError, Whiteboard
+from llfsm.whiteboard import NetworkError, Slot, Whiteboard
+from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, will_slot
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value, Version
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.settings import Settings
@@ -135,3 +137,36 @@ def test_access_needs_certificates(tmp_path: Path, certify: Certify) -> None:
     config.write_text(json.dumps({**tls, "access_control": {"enabled": True}}))
     with pytest.raises(NetworkError, match="in the Zenoh configuration file, and in `access`"):
         configure(Settings(access={"laptop": ("*",)}, zenoh=str(config)), "peer")
+
+
+def will_of(part: Part, *slots: Slot[Any], name: str = "laptop", **how: Any) -> list[str]:
+    """Let a host leave a last will for some slots; list those that a guard here would post to."""
+    values = tuple(SafeValue(slot.name, msgspec.msgpack.encode(Number(666))) for slot in slots)
+    left = LastWill(999, 1, "evil", 5, values, 0)
+    part.exchange.receive_batch(batch(1, will_slot("Evil"), left, **how), name)
+    found = part.board.get_message(will_slot("Evil"))
+    assert found is not None
+    return [value.slot for value in found.values]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"enter": ["llfsm/*", "operator/*"]},
+        {"access": {"laptop": ["llfsm/*", "operator/*"]}},
+        {"access": {"laptop": ["*"]}, "enter": ["llfsm/*", "operator/*"]},
+    ],
+)
+def test_a_last_will_moves_nothing_that_its_sender_may_not_move(settings: Any) -> None:
+    part = Part(**settings)
+    assert will_of(part, ARM, GOAL) == [GOAL.name]
+    (what,) = part.refused()
+    assert what.startswith("in a last will from")
+    assert what.endswith(": robot/arm")
+
+
+@pytest.mark.parametrize("settings", [{}, {"access": {"laptop": ["*"]}}])
+def test_a_last_will_of_who_may_add_to_all_stays_as_it_is(settings: Any) -> None:
+    part = Part(**settings)
+    assert will_of(part, ARM, GOAL) == [ARM.name, GOAL.name]
+    assert not part.refused()
