@@ -130,19 +130,23 @@ static PyObject *decoded_name(const union lwb_name *name)
 
 /* A slot's record: name and type (decoded as far as possible), schema (None if damaged),
  * fingerprint and capacity. */
-static PyObject *board_record(const struct lwb_record *r, const union lwb_name *name, bool damaged)
+static PyObject *board_record(const struct lwb_record *r, const struct lwb_frame *f,
+                              const union lwb_name *name, bool damaged)
 {
+    char type[LWB_MAX_NAME]; /* a copy, as the text may change while it is decoded */
+    memcpy(type, lwb_texts(r), f->type_length);
     PyObject *texts[3] = {
         decoded_name(name),
-        PyUnicode_DecodeUTF8(lwb_type_text(r), (Py_ssize_t)r->type_length, "replace"),
-        !damaged && lwb_is_sound(r)
-            ? PyBytes_FromStringAndSize(lwb_schema_text(r), (Py_ssize_t)r->schema_length)
+        PyUnicode_DecodeUTF8(type, (Py_ssize_t)f->type_length, "replace"),
+        !damaged && lwb_is_sound(r, f)
+            ? PyBytes_FromStringAndSize(lwb_texts(r) + f->type_length + 1,
+                                        (Py_ssize_t)f->schema_length)
             : Py_NewRef(Py_None),
     };
     PyObject *item = NULL;
     if (texts[0] && texts[1] && texts[2])
         item = Py_BuildValue("OOOKK", texts[0], texts[1], texts[2],
-                             (unsigned long long)r->fingerprint, (unsigned long long)r->capacity);
+                             (unsigned long long)f->fingerprint, (unsigned long long)f->capacity);
     for (int i = 0; i < 3; i++)
         Py_XDECREF(texts[i]);
     return item;
@@ -159,14 +163,15 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     self->users++; /* making objects may start the garbage collector, which may run any code */
     for (int i = 0; list; i++) {
         uint64_t offset;
-        if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
+        struct lwb_frame f;
+        if (!(r = lwb_framed(&self->board, i, &offset, &f, &status)))
             break;
         union lwb_name name;
         uint64_t life;
         bool damaged;
         if (!lwb_name_of(r, &name, &life, &damaged) && !damaged)
             continue;
-        PyObject *item = board_record(r, &name, damaged);
+        PyObject *item = board_record(r, &f, &name, damaged);
         if (!item || PyList_Append(list, item))
             Py_CLEAR(list);
         Py_XDECREF(item);
@@ -197,12 +202,13 @@ static PyObject *board_find(Board *self, PyObject *text)
     struct lwb_record *r = NULL;
     int index, status = LWB_MISSING;
     uint64_t offset, life;
+    struct lwb_frame f;
     if (possible && strlen(name.text) == (size_t)length)
-        r = lwb_look_up(&self->board, &name, &index, &offset, &life, &status);
+        r = lwb_look_up(&self->board, &name, &index, &offset, &f, &life, &status);
     if (!r)
         return status == LWB_MISSING ? Py_NewRef(Py_None) : fail(status, self->path, NULL);
     self->users++; /* as in slots() */
-    PyObject *item = board_record(r, &name, false);
+    PyObject *item = board_record(r, &f, &name, false);
     board_leave(self);
     return item;
 }

@@ -61,8 +61,9 @@ static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwarg
         return (PyObject *)self;
     PyObject *theirs = NULL;
     if (status == LWB_DIFFERS) {
-        struct lwb_record *r = self->slot.record;
-        theirs = PyBytes_FromStringAndSize(lwb_schema_text(r), (Py_ssize_t)r->schema_length);
+        const struct lwb_frame *f = &self->slot.frame;
+        theirs = PyBytes_FromStringAndSize(lwb_texts(self->slot.record) + f->type_length + 1,
+                                           (Py_ssize_t)f->schema_length);
     }
     fail(status, name, theirs);
 failed:

@@ -232,7 +232,7 @@ def _schema(text: bytes) -> tuple[Schema, str]:
     """Decode a schema; return it and "", or an empty one and the reason why it is invalid."""
     try:
         schema = msgspec.json.decode(text, type=Schema)
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         return {}, f"its schema is not a JSON object: {error}"
     too_much = excess(schema)
     return ({} if too_much else schema), too_much

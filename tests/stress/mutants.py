@@ -50,7 +50,7 @@ NAMED = """        if (atomic_compare_exchange_strong(&lwb_head(b)->named, &name
                                            taken.generation << LWB_NAMED_BITS |
                                                (uint64_t)taken.index)) {
 """
-LOCKED = "!lwb_is_alike(r, s) || !lwb_lock_entry(b, index, F_WRLCK))"
+LOCKED = "!lwb_is_alike(r, f, k) || !lwb_lock_entry(b, index, F_WRLCK))"
 SAME = "if (lwb_generation_of(now) == lwb_generation_of(*life))"
 
 MUTANTS: dict[str, list[tuple[str, str]]] = {
@@ -110,7 +110,7 @@ NAMES: dict[str, list[tuple[str, str]]] = {
     "names are given without an order": [(NAMED, "        atomic_store(&lwb_head(b)->named, "
         "taken.generation << LWB_NAMED_BITS | (uint64_t)taken.index);\n        {\n")],
     "the name given last is not completed": [("        lwb_complete(b, named);\n", "")],
-    "a record is taken without a lock": [(LOCKED, "!lwb_is_alike(r, s))")],
+    "a record is taken without a lock": [(LOCKED, "!lwb_is_alike(r, f, k))")],
     "a name is copied without a second look": [(SAME, "if (1)")],
     "what the dead have taken stays": [
         ("lwb_state_of(life) == LWB_NAMED ||", "lwb_state_of(life) != LWB_VACANT ||")

@@ -205,7 +205,8 @@ static void die_naming(struct lwb_board *board, bool given)
         union lwb_name name = LWB_ZERO;
         strcpy(name.text, schema.name);
         succeed(lwb_open(&mine, path, false), "open the board");
-        succeed(lwb_take(&mine, &schema, &name, &taken), "take");
+        struct lwb_kind kind = lwb_kind_of(&schema);
+        succeed(lwb_take(&mine, &kind, &name, &taken), "take");
         if (given)
             atomic_store(&lwb_head(&mine)->named,
                          taken.generation << LWB_NAMED_BITS | (uint64_t)taken.index);

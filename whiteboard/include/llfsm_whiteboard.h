@@ -188,10 +188,18 @@ struct lwb_board {
     uint32_t reading[LWB_MAX_SLOTS];  /* lwb_begin_reading without its end, for each slot */
 };
 
+/* What of a record decides addresses and lengths. Any process that may open the file can change it at
+ * any time. So it is read once, checked, and used from here: see lwb_frame_at. */
+struct lwb_frame {
+    uint64_t size, capacity, fingerprint, checksum;
+    uint32_t type_length, schema_length;
+};
+
 struct lwb_slot {
     struct lwb_board *board;
     struct lwb_record *record;
     uint64_t offset, capacity;
+    struct lwb_frame frame;                    /* the record's, as it was checked */
     int index;                                 /* of the record */
     uint64_t life, base;                       /* the record's, when it had the slot's name */
     size_t stride;                             /* bytes from one buffer to the next */
@@ -245,10 +253,10 @@ static inline uint64_t lwb_header_sum(const struct lwb_header *h)
 
 static inline const char *lwb_texts(const struct lwb_record *r) { return (const char *)(r + 1); }
 
-static inline uint64_t lwb_record_sum(const struct lwb_record *r)
+static inline uint64_t lwb_record_sum(const struct lwb_record *r, const struct lwb_frame *f)
 {
     uint64_t head = lwb_hash(0, r, offsetof(struct lwb_record, checksum));
-    return lwb_hash(head, lwb_texts(r), (size_t)r->type_length + r->schema_length + 2);
+    return lwb_hash(head, lwb_texts(r), (size_t)f->type_length + f->schema_length + 2);
 }
 
 static inline const char *lwb_type_text(const struct lwb_record *r) { return lwb_texts(r); }
@@ -376,21 +384,38 @@ static inline int lwb_lock_reading(int fd, int command, short type, int index)
 /* ---- Boards -------------------------------------------------------------------------------- */
 
 /* Whether a record is intact, but for its name. */
-static inline bool lwb_is_sound(const struct lwb_record *r)
+static inline bool lwb_is_sound(const struct lwb_record *r, const struct lwb_frame *f)
 {
-    return r->checksum == lwb_record_sum(r);
+    return f->checksum == lwb_record_sum(r, f);
 }
 
-/* The record at `offset`, or NULL; its lengths are checked against the file's size. Callers that
- * use its texts call lwb_is_sound, too, which reads all of it. */
-static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
+/* Read a record's frame, each field once: they are volatile, so that no compiler reads one again. */
+static inline struct lwb_frame lwb_frame_of(const volatile struct lwb_record *r)
+{
+    struct lwb_frame f = LWB_ZERO;
+    f.size = r->size;
+    f.capacity = r->capacity;
+    f.fingerprint = r->fingerprint;
+    f.checksum = r->checksum;
+    f.type_length = r->type_length;
+    f.schema_length = r->schema_length;
+    return f;
+}
+
+/* The record at `offset` and its frame, or NULL; its lengths are checked against the file's size.
+ * Callers that use its texts call lwb_is_sound, too, which reads all of it. */
+static inline struct lwb_record *lwb_frame_at(struct lwb_board *b, uint64_t offset,
+                                              struct lwb_frame *f)
 {
     struct lwb_record *r = (struct lwb_record *)lwb_at(b, offset, sizeof *r);
-    if (!r || r->magic != LWB_SLOT_MAGIC || r->capacity > LWB_MAX_CAPACITY ||
-        r->type_length > LWB_MAX_NAME || r->schema_length > LWB_MAX_SCHEMA)
+    if (!r || r->magic != LWB_SLOT_MAGIC)
         return NULL;
-    size_t texts = (size_t)r->type_length + r->schema_length + 2;
-    return r->size == sizeof *r + texts ? (struct lwb_record *)lwb_at(b, offset, r->size) : NULL;
+    *f = lwb_frame_of(r);
+    if (f->capacity > LWB_MAX_CAPACITY || f->type_length > LWB_MAX_NAME ||
+        f->schema_length > LWB_MAX_SCHEMA)
+        return NULL;
+    size_t texts = (size_t)f->type_length + f->schema_length + 2;
+    return f->size == sizeof *r + texts ? (struct lwb_record *)lwb_at(b, offset, f->size) : NULL;
 }
 
 /* The buffers of `writer` in a slot, or NULL if damaged. */
@@ -443,22 +468,23 @@ static inline bool lwb_end_is_sound(struct lwb_board *b)
         uint64_t at = atomic_load(&lwb_head(b)->slots[i]);
         if (!at)
             break;
-        struct lwb_record *r = lwb_record_at(b, at);
+        struct lwb_frame f;
+        struct lwb_record *r = lwb_frame_at(b, at, &f);
         union lwb_name name;
         uint64_t life;
-        bool damaged = !r || !lwb_is_sound(r);
+        bool damaged = !r || !lwb_is_sound(r, &f);
         if (damaged || (!lwb_name_of(r, &name, &life, &damaged) && damaged))
             return false;
-        if (at + r->size > furthest)
-            furthest = at + r->size;
+        if (at + f.size > furthest)
+            furthest = at + f.size;
         for (unsigned w = 0; w < LWB_MAX_WRITERS; w++) {
             uint64_t block = atomic_load(&r->blocks[w]);
             if (!block)
                 continue;
-            if (!lwb_block_at(b, block, at, w, r->capacity))
+            if (!lwb_block_at(b, block, at, w, f.capacity))
                 return false;
-            if (block + lwb_block_size(r->capacity) > furthest)
-                furthest = block + lwb_block_size(r->capacity);
+            if (block + lwb_block_size(f.capacity) > furthest)
+                furthest = block + lwb_block_size(f.capacity);
         }
     }
     uint64_t end = atomic_load(&lwb_head(b)->end); /* after the walk: it only grows */
@@ -643,22 +669,47 @@ static inline bool lwb_shared(const struct lwb_board *b)
 
 /* ---- Slots --------------------------------------------------------------------------------- */
 
-/* Record `index`, see lwb_record_at; NULL with *status LWB_MISSING if there are no more. */
-static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
-                                             int *status)
+/* Record `index`, see lwb_frame_at; NULL with *status LWB_MISSING if there are no more. */
+static inline struct lwb_record *lwb_framed(struct lwb_board *b, int index, uint64_t *offset,
+                                            struct lwb_frame *f, int *status)
 {
     *offset = index < LWB_MAX_SLOTS
             ? atomic_load_explicit(&lwb_head(b)->slots[index], memory_order_acquire) : 0;
-    struct lwb_record *r = *offset ? lwb_record_at(b, *offset) : NULL;
+    struct lwb_record *r = *offset ? lwb_frame_at(b, *offset, f) : NULL;
     *status = r ? LWB_OK : *offset ? lwb_why() : LWB_MISSING;
     return r;
 }
+
+/* The same for who needs no more of it than its atomic fields. */
+static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
+                                             int *status)
+{
+    struct lwb_frame f;
+    return lwb_framed(b, index, offset, &f, status);
+}
+
+/* What slots of one kind have in common; `type` and `text` are not ended by a 0, as they may be texts
+ * of a record that another process changes. */
+struct lwb_kind {
+    const char *type, *text;
+    struct lwb_frame frame;
+};
 
 struct lwb_schema {
     const char *name, *type, *text; /* the slot's name, its type's name, the JSON schema */
     uint64_t fingerprint;           /* equal exactly if two schemas agree */
     uint64_t capacity;              /* bytes of the largest message */
 };
+
+static inline struct lwb_kind lwb_kind_of(const struct lwb_schema *s)
+{
+    struct lwb_kind kind = {s->type, s->text, LWB_ZERO};
+    kind.frame.capacity = s->capacity;
+    kind.frame.fingerprint = s->fingerprint;
+    kind.frame.type_length = (uint32_t)strlen(s->type);
+    kind.frame.schema_length = (uint32_t)strlen(s->text);
+    return kind;
+}
 
 /* ---- Names ----------------------------------------------------------------------------------
  * All names are given by swaps of one word of the board, `named`, so there is one order of them. Who
@@ -729,20 +780,23 @@ static inline void lwb_rename(struct lwb_record *r, const union lwb_name *name, 
     atomic_store_explicit(&r->name_sum, lwb_name_sum(name), memory_order_relaxed);
 }
 
-static inline bool lwb_is_alike(const struct lwb_record *r, const struct lwb_schema *s)
+static inline bool lwb_is_alike(const struct lwb_record *r, const struct lwb_frame *f,
+                                const struct lwb_kind *k)
 {
-    return r->fingerprint == s->fingerprint && r->capacity == s->capacity && lwb_is_sound(r) &&
-           !strcmp(lwb_type_text(r), s->type) && !strcmp(lwb_schema_text(r), s->text);
+    return f->fingerprint == k->frame.fingerprint && f->capacity == k->frame.capacity &&
+           f->type_length == k->frame.type_length && f->schema_length == k->frame.schema_length &&
+           lwb_is_sound(r, f) && !memcmp(lwb_texts(r), k->type, f->type_length) &&
+           !memcmp(lwb_texts(r) + f->type_length + 1, k->text, f->schema_length);
 }
 
 /* Take record `index` if it has no name that is in use. */
-static inline bool lwb_take_over(struct lwb_board *b, struct lwb_record *r, int index,
-                                 const struct lwb_schema *s, const union lwb_name *name,
-                                 struct lwb_taken *taken)
+static inline bool lwb_take_over(struct lwb_board *b, struct lwb_record *r,
+                                 const struct lwb_frame *f, int index, const struct lwb_kind *k,
+                                 const union lwb_name *name, struct lwb_taken *taken)
 {
     uint64_t life = atomic_load(&r->life), generation = lwb_generation_of(life) + 1;
     if (lwb_state_of(life) == LWB_NAMED || generation >> (64 - LWB_NAMED_BITS) ||
-        !lwb_is_alike(r, s) || !lwb_lock_entry(b, index, F_WRLCK))
+        !lwb_is_alike(r, f, k) || !lwb_lock_entry(b, index, F_WRLCK))
         return false;
     if (!atomic_compare_exchange_strong(&r->life, &life, lwb_life_of(generation, LWB_TAKEN))) {
         lwb_lock_entry(b, index, F_UNLCK);
@@ -758,10 +812,10 @@ static inline bool lwb_take_over(struct lwb_board *b, struct lwb_record *r, int 
     return true;
 }
 
-static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema *s,
+static inline int lwb_write_record(struct lwb_board *b, const struct lwb_kind *k,
                                    const union lwb_name *name, uint64_t *offset)
 {
-    size_t t = strlen(s->type), x = strlen(s->text);
+    size_t t = k->frame.type_length, x = k->frame.schema_length;
     void *at;
     int status = lwb_allocate(b, sizeof(struct lwb_record) + t + x + 2, offset, &at);
     if (status)
@@ -770,13 +824,13 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
     struct lwb_record *r = (struct lwb_record *)at;
     r->magic = LWB_SLOT_MAGIC;
     r->size = sizeof *r + t + x + 2;
-    r->capacity = s->capacity;
-    r->fingerprint = s->fingerprint;
+    r->capacity = k->frame.capacity;
+    r->fingerprint = k->frame.fingerprint;
     r->type_length = (uint32_t)t;
     r->schema_length = (uint32_t)x;
-    memcpy((char *)(r + 1), s->type, t + 1);
-    memcpy((char *)(r + 1) + t + 1, s->text, x + 1);
-    r->checksum = lwb_record_sum(r);
+    memcpy((char *)(r + 1), k->type, t); /* new space is zero: so they are ended */
+    memcpy((char *)(r + 1) + t + 1, k->text, x);
+    r->checksum = lwb_record_sum(r, &k->frame);
     atomic_store_explicit(&r->life, lwb_life_of(1, LWB_TAKEN), memory_order_relaxed);
     lwb_rename(r, name, 0);
     return LWB_OK;
@@ -784,25 +838,26 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
 
 /* Take a record for a name: one that is vacant, or else a new one, at the first free entry. The lock
  * on a new one's entry only keeps others from taking it over at once. */
-static inline int lwb_take(struct lwb_board *b, const struct lwb_schema *s,
+static inline int lwb_take(struct lwb_board *b, const struct lwb_kind *k,
                            const union lwb_name *name, struct lwb_taken *taken)
 {
     uint64_t offset, mine = 0;
+    struct lwb_frame f;
     int status = lwb_reopen(b);
     for (int i = 0; !status; i++) {
-        struct lwb_record *r = lwb_slot_at(b, i, &offset, &status);
-        if (r && lwb_take_over(b, r, i, s, name, taken))
+        struct lwb_record *r = lwb_framed(b, i, &offset, &f, &status);
+        if (r && lwb_take_over(b, r, &f, i, k, name, taken))
             return LWB_OK;
         if (status != LWB_MISSING)
             continue;
         if (i == LWB_MAX_SLOTS)
             return LWB_NO_SLOT;
-        if (!mine && (status = lwb_write_record(b, s, name, &mine)))
+        if (!mine && (status = lwb_write_record(b, k, name, &mine)))
             return status;
         lwb_lock_entry(b, i, F_WRLCK);
         uint64_t none = 0;
         if (atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)) {
-            taken->record = lwb_record_at(b, mine);
+            taken->record = lwb_frame_at(b, mine, &f);
             taken->generation = 1;
             taken->index = i;
             return taken->record ? LWB_OK : lwb_why();
@@ -816,38 +871,38 @@ static inline int lwb_take(struct lwb_board *b, const struct lwb_schema *s,
 
 /* The record of that name, with its place and life; NULL with *status LWB_MISSING if there is none. */
 static inline struct lwb_record *lwb_look_up(struct lwb_board *b, const union lwb_name *name,
-                                             int *index, uint64_t *offset, uint64_t *life,
-                                             int *status)
+                                             int *index, uint64_t *offset, struct lwb_frame *f,
+                                             uint64_t *life, int *status)
 {
     uint64_t sum = lwb_name_sum(name);
     union lwb_name found;
     bool damaged;
     for (int i = 0;; i++) {
         *index = i;
-        struct lwb_record *r = lwb_slot_at(b, i, offset, status);
+        struct lwb_record *r = lwb_framed(b, i, offset, f, status);
         if (!r || (atomic_load_explicit(&r->name_sum, memory_order_relaxed) == sum &&
                    lwb_name_of(r, &found, life, &damaged) && !strcmp(found.text, name->text)))
             return r;
     }
 }
 
-static inline int lwb_bind(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s,
-                           bool create)
+static inline int lwb_bind_kind(struct lwb_board *b, struct lwb_slot *slot, const char *called,
+                                const struct lwb_kind *k, bool create)
 {
-    size_t n = strlen(s->name);
-    if (!n || n > LWB_MAX_NAME || strlen(s->type) > LWB_MAX_NAME ||
-        strlen(s->text) > LWB_MAX_SCHEMA || !s->capacity || s->capacity > LWB_MAX_CAPACITY)
+    size_t n = strlen(called);
+    if (!n || n > LWB_MAX_NAME || !k->frame.capacity || k->frame.capacity > LWB_MAX_CAPACITY)
         return LWB_INVALID;
     union lwb_name name = LWB_ZERO;
-    memcpy(name.text, s->name, n);
+    memcpy(name.text, called, n);
     struct lwb_taken taken = LWB_ZERO;
     struct lwb_record *r;
+    struct lwb_frame f = LWB_ZERO;
     uint64_t offset, life, base;
     int index, status;
     for (;;) {
         uint64_t named = atomic_load(&lwb_head(b)->named);
         lwb_complete(b, named);
-        r = lwb_look_up(b, &name, &index, &offset, &life, &status);
+        r = lwb_look_up(b, &name, &index, &offset, &f, &life, &status);
         if (r) {
             base = atomic_load_explicit(&r->base, memory_order_relaxed);
             atomic_thread_fence(memory_order_acquire); /* as in lwb_name_of */
@@ -858,7 +913,7 @@ static inline int lwb_bind(struct lwb_board *b, struct lwb_slot *slot, const str
         }
         if (status != LWB_MISSING || !create)
             break;
-        if (!taken.record && (status = lwb_take(b, s, &name, &taken)))
+        if (!taken.record && (status = lwb_take(b, k, &name, &taken)))
             break;
         if (atomic_compare_exchange_strong(&lwb_head(b)->named, &named,
                                            taken.generation << LWB_NAMED_BITS |
@@ -872,19 +927,29 @@ static inline int lwb_bind(struct lwb_board *b, struct lwb_slot *slot, const str
         lwb_lock_entry(b, taken.index, F_UNLCK);
     if (!r)
         return status;
-    if (!lwb_is_sound(r))
+    if (!lwb_is_sound(r, &f))
         return LWB_CORRUPT;
     memset(slot, 0, sizeof *slot);
     slot->board = b;
     slot->record = r;
     slot->offset = offset;
     slot->index = index;
-    slot->capacity = r->capacity;
+    slot->capacity = f.capacity;
+    slot->frame = f;
     slot->life = lwb_life_of(lwb_generation_of(life), LWB_NAMED);
     slot->base = base;
-    slot->stride = lwb_stride(r->capacity);
+    slot->stride = lwb_stride(f.capacity);
     slot->writer = -1;
-    return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
+    return f.fingerprint == k->frame.fingerprint ? LWB_OK : LWB_DIFFERS;
+}
+
+static inline int lwb_bind(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s,
+                           bool create)
+{
+    if (strlen(s->type) > LWB_MAX_NAME || strlen(s->text) > LWB_MAX_SCHEMA)
+        return LWB_INVALID;
+    struct lwb_kind kind = lwb_kind_of(s);
+    return lwb_bind_kind(b, slot, s->name, &kind, create);
 }
 
 /* Open the slot; make it if it does not exist. If its `fingerprint` differs from the board's, the
@@ -898,11 +963,10 @@ static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const str
  * handle stays as it was if that fails. */
 static inline int lwb_renew(struct lwb_slot *slot, const char *name, bool create)
 {
-    struct lwb_record *r = slot->record; /* its texts stay */
-    struct lwb_schema schema = {name, lwb_type_text(r), lwb_schema_text(r), r->fingerprint,
-                                r->capacity};
+    const char *texts = lwb_texts(slot->record); /* which stay, unless somebody damages them */
+    struct lwb_kind kind = {texts, texts + slot->frame.type_length + 1, slot->frame};
     struct lwb_slot again;
-    int status = lwb_bind(slot->board, &again, &schema, create);
+    int status = lwb_bind_kind(slot->board, &again, name, &kind, create);
     if (!status)
         *slot = again;
     return status;

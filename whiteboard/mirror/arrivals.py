@@ -246,9 +246,7 @@ class Arrivals:
             if local is None or self._may_post(source, local):
                 kept.append(each)  # one without a name here is for others
             else:
-                what = (
-                    f"last will {value.slot!r}: {source} may not add to {local!r} in it"
-                )
+                what = f"last will {value.slot!r}: {source} may not add to {local!r} in it"
                 self._refusals.add(f"in a last will from {source}: {local}", what)
         if len(kept) == len(will.values):
             return value
