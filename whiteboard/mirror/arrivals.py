@@ -58,6 +58,7 @@ _MAX_REASON = 1000  # characters kept of why a slot cannot be used
 _NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
 _NOTHING = matcher(())
 _DAY_NS = 86_400 * 10**9
+_ROUTES = 1024
 
 
 class Route:
@@ -92,6 +93,7 @@ class Routes:
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
         """Checks that other hosts may add to a slot of that name."""
+        self._most = _ROUTES  # to know before those of slots that are gone are looked for
         self.known: dict[str, Route] = {}
         """The routes that were asked for so far."""
         self._groups: dict[str, list[tuple[str, Route]]] = {}
@@ -122,7 +124,19 @@ class Routes:
             cell, period = self.store.cell(name), self._period_ns(name)
             route = self.known[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
+            if len(self.known) >= self._most:
+                self._forget_gone()
         return route
+
+    def _forget_gone(self) -> None:
+        """Forget the routes of slots that are gone: names come and go, in a life more than fit."""
+        names = self.store.forget_gone()
+        self.known = {name: route for name, route in self.known.items() if name in names}
+        self._groups = {}
+        for name, route in self.known.items():
+            self._groups.setdefault(route.group, []).append((name, route))
+        self.offered = {group: own for group, own in self.offered.items() if group in self._groups}
+        self._most = 2 * len(self.known) + _ROUTES
 
     def usable(self, name: str) -> Route | None:
         """Return the route of a slot, or None, counted, if its record is unusable."""

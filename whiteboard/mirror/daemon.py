@@ -31,7 +31,8 @@ def daemon(board: Whiteboard, settings: Settings) -> Iterator[Mirror]:
     errors of a :class:`.Keeper`.
     """
     with ExitStack() as stack:
-        versions = stack.enter_context(closing(FileVersionLog(board.path)))
+        log = FileVersionLog(board.path, lambda: [info.name for info in board.slots()])
+        versions = stack.enter_context(closing(log))
         keeper = None
         if settings.keep is not None:
             keeper = stack.enter_context(closing(Keeper(settings.keep, board.name)))

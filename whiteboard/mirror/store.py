@@ -26,7 +26,7 @@ import os
 import secrets
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
@@ -111,6 +111,13 @@ class Store:
             except (SlotError, MessageTypeError) as error:  # some process has written nonsense
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
+
+    def forget_gone(self) -> frozenset[str]:
+        """Forget the slots that the board does not have any more; return the names that it has."""
+        names = frozenset(info.name for info in self.board.slots())
+        for name in self._cells.keys() - names:
+            del self._cells[name]
+        return names
 
     def latest(self, cell: Cell) -> Value | None:
         """Return the latest message of a slot with its version, or None before the first.
@@ -261,12 +268,17 @@ _HOSTS = 1 << 63  # ids of hosts
 class FileVersionLog(VersionLog):
     """The versions of a board in shared memory, locked by one daemon at a time.
 
-    A damaged file is begun anew. Raise :class:`.BoardMirroredError` if another daemon holds the
-    lock, and :class:`.BoardPermissionError` if the file belongs to another user, or is another kind
-    of file: whoever owns it could set the versions.
+    It has room for as many slots as a board. When all of it is used, records of names that the
+    board does not have any more, by `on_board`, serve others. A damaged file is begun anew. Raise
+    :class:`.BoardMirroredError` if another daemon holds the lock, and
+    :class:`.BoardPermissionError` if the file belongs to another user, or is another kind of file:
+    whoever owns it could set the versions.
     """
 
-    def __init__(self, board: Path) -> None:
+    def __init__(self, board: Path, on_board: Callable[[], Iterable[str]] = tuple) -> None:
+        self._on_board = on_board
+        self._used = 0  # records with a name, or that had one
+        self._free: list[int] = []  # those of names that are gone
         path = version_log_path(board)
         try:
             self._file = open_own(path, os.O_CREAT)
@@ -286,6 +298,7 @@ class FileVersionLog(VersionLog):
         records = self._read_records()
         if records is None or (magic, *of_board) != (_MAGIC, *identity) or host >= _HOSTS:
             self._map[:] = bytes(_SIZE)  # of a removed board, or damaged
+            self._used, self._free = 0, []
             records, host = {}, secrets.randbelow(_HOSTS)
             _HEAD.pack_into(self._map, 0, _MAGIC, *identity, host)
         self._records = records
@@ -295,13 +308,17 @@ class FileVersionLog(VersionLog):
         """Find the offset of each slot's record; None if the file is damaged."""
         records: dict[str, int] = {}
         for record in range(_START, _SIZE, _RECORD):
-            length, name = _NAME.unpack_from(self._map, record)
+            length, raw = _NAME.unpack_from(self._map, record)
             if not length:
                 break
             try:
-                records[name[:length].decode()] = record
+                name = raw[:length].decode()
             except UnicodeDecodeError:
                 return None
+            self._used += 1
+            if name in records:  # it was gone, and came again
+                self._free.append(records[name])
+            records[name] = record
         return records
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
@@ -319,10 +336,24 @@ class FileVersionLog(VersionLog):
         return entries
 
     def _make(self, slot: str) -> int:
-        record = self._records[slot] = _START + len(self._records) * _RECORD
+        if self._used < _RECORDS:
+            record = _START + self._used * _RECORD
+            self._used += 1
+        else:
+            record = self._free.pop() if self._free else self._reuse()
+            self._map[record : record + _RECORD] = bytes(_RECORD)
+        self._records[slot] = record
         name = slot.encode()
         _NAME.pack_into(self._map, record, len(name), name)
         return record
+
+    def _reuse(self) -> int:
+        """Free the records of names that are gone, and return one; else that of the oldest name."""
+        gone = self._records.keys() - {*self._on_board()} or {next(iter(self._records))}
+        for name in gone:
+            self._free.append(self._records.pop(name))
+            self._entries.pop(name, None)
+        return self._free.pop()
 
     def _read(self, offset: int) -> tuple[int, int, int, int]:
         """Read an entry: zeros if there is none, or a daemon was killed while writing it."""

@@ -134,3 +134,43 @@ def test_a_link_in_its_place_is_not_followed(tmp_path: Path, board: Path) -> Non
     with pytest.raises(Exception, match="Too many levels of symbolic links"):
         FileVersionLog(board)
     assert (tmp_path / "precious").read_text() == "keep"
+
+
+def test_names_that_are_gone_leave_their_room_to_others(board: Path) -> None:
+    living: set[str] = set()
+    journal = FileVersionLog(board, lambda: living)
+    for number in range(3 * 4096):
+        living = {f"kept{n}" for n in range(3)} | {f"job{n}" for n in range(number - 50, number)}
+        if number % 1000 < 3:
+            journal.note(f"kept{number % 1000}", 1, 1, Version(number + 1, 1))
+        journal.note(f"job{number}", 1, 1, Version(number + 1, 1))
+    expected = {name: journal.recall(name, 1, 1)[0] for name in living}
+    assert None not in {expected[name] for name in living if name != f"job{number}"}
+    journal.close()
+    again = FileVersionLog(board, lambda: living)
+    assert {name: again.recall(name, 1, 1)[0] for name in living} == expected
+    again.note("job1", 1, 1, Version(7, 1))
+    again.note("job2", 2, 1, Version(8, 1))
+    assert (again.recall("job1", 1, 1)[0], again.recall("job2", 2, 1)[0]) == (
+        Version(7, 1),
+        Version(8, 1),
+    )
+    assert {name: again.recall(name, 1, 1)[0] for name in living} == expected
+    again.close()
+
+
+def test_a_name_that_comes_again_has_one_record(board: Path) -> None:
+    living = {"b"}
+    journal = FileVersionLog(board, lambda: living)
+    for number in range(4096):
+        journal.note(f"a{number}", 1, 1, Version(1, 1))
+    journal.note("b", 1, 1, Version(2, 1))
+    journal.note("a5", 1, 1, Version(3, 1))
+    journal.close()
+    for _ in range(3):
+        journal = FileVersionLog(board, lambda: living)
+        for number in range(100):
+            journal.note(f"c{number}", 1, 1, Version(number + 1, 2))
+        assert journal.recall("b", 1, 1)[0] == Version(2, 1)
+        assert journal.recall("c7", 1, 1)[0] == Version(8, 2)
+        journal.close()
