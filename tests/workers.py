@@ -7,11 +7,14 @@ busy while tests wait, that took a minute of processor time, a sixth of all.
 
 A worker asks for its next file before the last test of the one it is at, as pytest wants to know
 which fixtures that needs, too. One that dies fails the test that ran, and another takes its place.
+One that is stuck where no limit of a test ends it, in a call that takes no signals or after its
+last test, prints where its threads are and dies.
 """
 
 from __future__ import annotations
 
 import atexit
+import faulthandler
 import os
 import random
 import traceback
@@ -26,13 +29,16 @@ from _pytest._io import TerminalWriter
 
 __all__ = ["Workers"]
 
+STUCK_S = 400  # more than three times the limit of a test, which has its fixtures to end after that
+
 
 class Workers:
     """Hand out files of tests to workers, and pass on to pytest what they report."""
 
-    def __init__(self, count: int, begin: Callable[[], None]) -> None:
+    def __init__(self, count: int, begin: Callable[[], None], stuck_s: float = STUCK_S) -> None:
         self._count = count
         self._begin = begin  # called in each worker
+        self._stuck_s = stuck_s
         self._left: deque[list[int]] = deque()  # indices of tests, by file
         self._workers: dict[Connection, _Worker] = {}
         self._ordinal = 0
@@ -49,8 +55,11 @@ class Workers:
             for _ in range(min(self._count, len(self._left))):
                 self._start(session)
             while self._workers:
-                for connection in wait([*self._workers]):
-                    assert isinstance(connection, Connection)
+                # A dead one is known by its process: what it forked may keep its connection open.
+                ends = {worker.process: connection for connection, worker in self._workers.items()}
+                ready = wait([*self._workers, *ends])
+                heard = [one for one in ready if isinstance(one, Connection)]
+                for connection in heard or [ends[one] for one in ready if isinstance(one, int)]:
                     self._serve(session, connection)
         finally:
             for worker in self._workers.values():
@@ -66,7 +75,8 @@ class Workers:
         if pid == 0:
             for other in (ours, *self._workers):
                 other.close()
-            _work(session, theirs, self._ordinal - 1, self._begin)
+            watchdog = _Watchdog(self._stuck_s)
+            _work(session, theirs, self._ordinal - 1, self._begin, watchdog)
         theirs.close()
         self._workers[ours] = _Worker(pid)
 
@@ -74,7 +84,8 @@ class Workers:
         """Pass on what a worker has sent, or answer with its next file."""
         worker = self._workers[connection]
         try:
-            what, *content = connection.recv()
+            # What it sent before it died comes first.
+            what, *content = connection.recv() if connection.poll() else ["end"]
         except (EOFError, ConnectionError):
             what, content = "end", []
         hook = session.config.hook
@@ -88,7 +99,7 @@ class Workers:
             worker.tests += [number for numbers in files for number in numbers]
             connection.send(files[0] if files else None)
         elif what == "start":
-            worker.running = session.items[worker.tests.popleft()]
+            worker.last = worker.running = session.items[worker.tests.popleft()]
             hook.pytest_runtest_logstart(nodeid=content[0], location=content[1])
         elif what == "finish":
             worker.running = None
@@ -99,10 +110,11 @@ class Workers:
 
     def _bury(self, session: pytest.Session, worker: _Worker) -> None:
         """Wait for a worker that ends. If it died, fail its test, and let another do the rest."""
-        _, status = os.waitpid(worker.pid, 0)
-        if worker.running is not None:
-            item, hook = worker.running, session.config.hook
-            text = f"the process that ran it died: {os.waitstatus_to_exitcode(status)}"
+        status = worker.wait()
+        if worker.last is not None and (worker.running is not None or status):
+            item, hook = worker.last, session.config.hook
+            what = "ran it" if worker.running else "had run it last"
+            text = f"the process that {what} died: {os.waitstatus_to_exitcode(status)}"
             report = pytest.TestReport(item.nodeid, item.location, {}, "failed", text, "call")
             hook.pytest_runtest_logreport(report=report)
             hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
@@ -117,24 +129,37 @@ class _Worker:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
+        self.process = os.pidfd_open(pid)  # is ready to be read when it has ended
         self.tests = deque[int]()  # that it was given and has not begun
         self.running: pytest.Item | None = None
+        self.last: pytest.Item | None = None  # that began
 
     def kill(self) -> None:
         os.kill(self.pid, 9)
-        os.waitpid(self.pid, 0)
+        self.wait()
+
+    def wait(self) -> int:
+        """Wait for its end; return its status."""
+        _, status = os.waitpid(self.pid, 0)
+        os.close(self.process)
+        return status
 
 
 # ---- In a worker
 
 
 def _work(
-    session: pytest.Session, connection: Connection, ordinal: int, begin: Callable[[], None]
+    session: pytest.Session,
+    connection: Connection,
+    ordinal: int,
+    begin: Callable[[], None],
+    watchdog: _Watchdog,
 ) -> NoReturn:
     """Run what is handed out, and end the process."""
     status = 1
     try:
         atexit._clear()  # what was registered before is done by the process that forked this one
+        session.config.pluginmanager.register(watchdog)
         _own_process(session.config, ordinal)
         begin()
         session.config.pluginmanager.register(_Sender(session.config, connection))
@@ -177,6 +202,27 @@ def _pairs(
         connection.send(["next"])
         numbers = connection.recv()
         yield items[-1], session.items[numbers[0]] if numbers else None
+
+
+class _Watchdog:
+    """End the worker where it has been at one test, or at its end, for too long."""
+
+    def __init__(self, stuck_s: float) -> None:
+        self._stuck_s = stuck_s
+        self._printed = os.dup(2)  # before what tests print is captured
+        self._begin()
+
+    def pytest_runtest_logstart(self) -> None:
+        """Give each test the whole time."""
+        self._begin()
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_exception_interact(self) -> None:
+        """Go on where pytest has ended all that watches, as someone might debug what failed."""
+        self._begin()
+
+    def _begin(self) -> None:
+        faulthandler.dump_traceback_later(self._stuck_s, exit=True, file=self._printed)
 
 
 class _Silent:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ import os
 from workers import Workers
 begun = []
 def pytest_configure(config):
-    config.pluginmanager.register(Workers(2, lambda: begun.append(os.getpid())))
+    stuck_s = float(os.environ.get("STUCK_S", "400"))
+    config.pluginmanager.register(Workers(2, lambda: begun.append(os.getpid()), stuck_s))
 """
 FILES = {
     "one": """
@@ -56,9 +58,38 @@ FILES = {
 }
 
 
-def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+STUCK = {
+    "call": """
+        import ctypes, pytest
+        mutex = ctypes.create_string_buffer(64)
+        lock = ctypes.PyDLL(None).pthread_mutex_lock
+        @pytest.mark.timeout(1)
+        def test_takes_no_signals():
+            assert lock(mutex) == 0
+            lock(mutex)
+        def test_after_that(): pass
+    """,
+    "end": """
+        import atexit, os, pathlib, threading, time
+        def test_forks(): # the child keeps the connection, but not what this test reads
+            if os.fork() == 0:
+                for open_file in pathlib.Path("/proc/self/fd").iterdir():
+                    if open_file.is_fifo():
+                        os.close(int(open_file.name))
+                time.sleep(60)
+                os._exit(0)
+        def test_leaves_what_never_ends():
+            atexit.register(threading.Event().wait)
+            assert "a" == "b"
+    """,
+}
+
+
+def run(
+    folder: Path, *options: str, files: dict[str, str] = FILES
+) -> subprocess.CompletedProcess[str]:
     (folder / "conftest.py").write_text(CONFTEST)
-    for name, text in FILES.items():
+    for name, text in files.items():
         lines = (line[8:] for line in text.splitlines())
         (folder / f"test_{name}.py").write_text("\n".join(lines))
     plugins = ["-p", "pytest_timeout", "-p", "no:cacheprovider", "-rA"]
@@ -97,6 +128,17 @@ def test_what_tests_share_is_taken_down(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("TORN_DOWN", str(tmp_path / "torn down"))
     assert run(tmp_path).stderr == ""
     assert (tmp_path / "torn down").exists()
+
+
+def test_what_is_stuck_ends_and_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STUCK_S", "3")
+    begun = time.monotonic()
+    done = run(tmp_path, files=STUCK)
+    assert time.monotonic() - begun < 50  # without waiting for the child, which takes 60
+    assert "the process that ran it died: 1" in done.stdout
+    assert "the process that had run it last died: 1" in done.stdout
+    assert "3 failed, 2 passed" in done.stdout
+    assert "test_takes_no_signals" in done.stderr  # the place where it was
 
 
 def test_it_stops_at_a_failure(tmp_path: Path) -> None:
