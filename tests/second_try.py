@@ -12,11 +12,18 @@ __all__ = ["SecondTry"]
 
 
 class SecondTry:
-    """Run a test that failed once more, with new fixtures of its own."""
+    """Run a test that failed once more, with new fixtures and a time limit of its own."""
+
+    def __init__(self) -> None:
+        self._again: pytest.Item | None = None  # that is tried once more
+        self._reports: list[pytest.TestReport] = []
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool:
         """Run a test, and log what came of its last try; that it failed before is an outcome."""
+        if item is self._again:
+            self._reports = runtestprotocol(item, nextitem=nextitem, log=False)
+            return True
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         reports = runtestprotocol(item, nextitem=nextitem, log=False)
         failed = [report for report in reports if report.failed]
@@ -24,7 +31,9 @@ class SecondTry:
             failed[0].outcome = "rerun"
             item.ihook.pytest_runtest_logreport(report=failed[0])
             item._initrequest()  # pytest's own, for want of another way to make fixtures anew
-            reports = runtestprotocol(item, nextitem=nextitem, log=False)
+            self._again = item
+            item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)  # whoever wraps it
+            self._again, reports = None, self._reports
         for report in reports:
             item.ihook.pytest_runtest_logreport(report=report)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)

@@ -19,7 +19,7 @@ def folder(tmp_path: Path) -> Path:
     always = (BundleTransition("B", Fragment("True\n")),)
     for name, code in (
         ("Helper", "pass\n"),
-        ("Caller", 'call_machine("Helper")\n'),
+        ("Caller", 'call_machine("Helper", detached=True)\n'),
         ("Other", "pass\n"),
     ):
         first = BundleState("A", {"OnEntry": Fragment(code)}, always)

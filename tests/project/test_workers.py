@@ -14,9 +14,12 @@ from .rules import ROOT
 
 CONFTEST = """
 import os
+from second_try import SecondTry
 from workers import Workers
 begun = []
 def pytest_configure(config):
+    if "SECOND_TRY" in os.environ:
+        config.pluginmanager.register(SecondTry())
     stuck_s = float(os.environ.get("STUCK_S", "400"))
     config.pluginmanager.register(Workers(2, lambda: begun.append(os.getpid()), stuck_s))
 """
@@ -50,10 +53,18 @@ FILES = {
         def test_is_skipped(): pass
     """,
     "three": """
-        import pytest
+        import os, pytest
         @pytest.fixture
         def broken(): raise OSError("no such luck")
         def test_cannot_begin(broken): pass
+        begun = []
+        @pytest.fixture
+        def made(): return []
+        def test_holds_once_begun(made):
+            made.append(1)
+            begun.append(made)
+            assert made == [1]
+            assert len(begun) > 1 or "SECOND_TRY" not in os.environ
     """,
 }
 
@@ -108,7 +119,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProces
 
 def test_each_test_has_its_outcome(done: subprocess.CompletedProcess[str]) -> None:
     assert done.returncode == 1
-    assert "3 failed, 5 passed, 1 skipped, 1 error" in done.stdout
+    assert "3 failed, 6 passed, 1 skipped, 1 error" in done.stdout
     for name in ("test_one.py::test_passes", "test_one.py::test_after_that", "test_shares[2]"):
         assert any(
             line.startswith("PASSED") and line.endswith(name) for line in done.stdout.splitlines()
@@ -139,6 +150,16 @@ def test_what_is_stuck_ends_and_fails(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "the process that had run it last died: 1" in done.stdout
     assert "3 failed, 2 passed" in done.stdout
     assert "test_takes_no_signals" in done.stderr  # the place where it was
+
+
+def test_a_second_try_has_fixtures_and_a_time_limit_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SECOND_TRY", "1")
+    done = run(tmp_path)
+    assert "3 failed, 6 passed, 1 skipped, 1 error, 4 rerun" in done.stdout
+    assert done.stdout.count("Timeout (>1.0s)") > 1
+    assert "first try of" in done.stdout
 
 
 def test_it_stops_at_a_failure(tmp_path: Path) -> None:

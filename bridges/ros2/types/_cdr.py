@@ -297,9 +297,6 @@ def _values(record: RecordType, variable: str) -> list[str]:
     return found
 
 
-_MOST_PADDING = 3  # bytes that a sender may leave behind a message, as RTPS pads to multiples of 4
-
-
 def compile_decoder(
     record: RecordType,
     order: str,
@@ -308,6 +305,8 @@ def compile_decoder(
 ) -> Callable[[bytes], Any]:
     """Compile the function that decodes a message, header included, in struct's byte ``order``.
 
+    Bytes after the message are left alone, as ROS 2 leaves them: RTPS pads to multiples of 4, and
+    rmw_serialize reserves 4 bytes too many for each empty sequence of numbers of 8 bytes.
     ``otherwise`` decodes data whose header is another one; ``explain`` makes the error to raise of
     data that is no message.
     """
@@ -333,7 +332,6 @@ def compile_decoder(
         f"  {code.lines[0]}",
         f"  if {header} != {known}: return otherwise(data)",
         *(f"  {line}" for line in code.lines[1:]),
-        f"  if size - ({code.offset}) > {_MOST_PADDING}: raise UnreadableError",
         f"  return {message}",
         " except Failed: pass",
         " raise explain(data)",

@@ -32,7 +32,7 @@ def why_unreadable(record: RecordType, data: bytes) -> CdrError:
         walk.message(record, "")
     except _FoundError as found:
         return CdrError(f"{record.name}: {found}")
-    return CdrError(f"{record.name}: {len(data) - walk.offset} bytes are left after the message")
+    return CdrError(f"{record.name}: the bytes cannot be decoded: {data[:40].hex(' ')}")
 
 
 class _Walk:
