@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from llfsm.runtime.engine.events import Eval, Event, Section, Turn
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.state import Transition
 
 
-_COPIED: Final = frozenset({list, dict, set})  # of what is in them when transitions are evaluated
-_LONG: Final = 1000  # a longer one is shown as it is now
+_LONG: Final = 1000  # values that are copied of a machine; more are shown as they are now
+
+
+_CONTAINERS: Final = frozenset({list, dict, set})
 
 
 class Evaluated(NamedTuple):
@@ -38,6 +41,8 @@ class Evaluated(NamedTuple):
     value: bool | None
     """None if it has raised."""
     elapsed_ns: int
+    attributes: Mapping[str, Any]
+    """The sensors and variables that it saw."""
 
 
 class LastTurn(NamedTuple):
@@ -47,8 +52,6 @@ class LastTurn(NamedTuple):
     entered_ns: int
     time_ns: int
     """When it evaluated the first of them."""
-    attributes: Mapping[str, Any]
-    """The sensors and variables that they saw."""
     transitions: dict[int, Evaluated]
     """By their numbers, as far as they were evaluated."""
 
@@ -108,11 +111,10 @@ class LastTurns:
     def _take(self, seat: Seat, state: str, number: int, value: bool | None, now_ns: int) -> None:
         turn = self._turns.get(seat.name)
         if turn is None:
-            seen = vars(seat.machine).items()
-            attributes = {name: _kept(value) for name, value in seen}
-            turn = LastTurn(state, seat.entered_ns, now_ns, attributes, {})
+            turn = LastTurn(state, seat.entered_ns, now_ns, {})
             self._turns[seat.name] = turn
-        turn.transitions[number] = Evaluated(value, now_ns - turn.entered_ns)
+        attributes = _Copy().of(vars(seat.machine))
+        turn.transitions[number] = Evaluated(value, now_ns - turn.entered_ns, attributes)
 
 
 class _Sampled:
@@ -150,8 +152,41 @@ class _Sampled:
         return None, evaluate_and_take, target
 
 
-def _kept(value: Any) -> Any:
-    return value.copy() if type(value) in _COPIED and len(value) <= _LONG else value
+class _Copy:
+    """Copy values in depth, as later code changes them, without running code of their classes."""
+
+    def __init__(self) -> None:
+        self._left = _LONG
+        self._copies: dict[int, Any] = {}  # by the identity of what is copied
+
+    def of(self, value: Any) -> Any:
+        """Copy a container or a dataclass; give others as they are."""
+        if id(value) in self._copies:
+            return self._copies[id(value)]
+        kind = type(value)
+        if kind in _CONTAINERS or isinstance(value, tuple):
+            self._left -= len(value)
+        elif not is_dataclass(kind) or not kind.__dictoffset__:
+            return value
+        self._left -= 1
+        return value if self._left < 0 else self._copied(value, kind)
+
+    def _copied(self, value: Any, kind: type) -> Any:
+        if isinstance(value, tuple):  # of any class: none of its code runs
+            return tuple.__new__(kind, map(self.of, value))
+        is_container = kind in _CONTAINERS
+        try:
+            copied = value.copy() if is_container else object.__new__(kind)
+        except TypeError:  # a dataclass that is a container, too
+            return value
+        self._copies[id(value)] = copied  # what is in it may lead back to it
+        if isinstance(copied, dict) or not is_container:
+            parts = value if is_container else vars(value)
+            found = {name: self.of(each) for name, each in parts.items()}
+            (copied if is_container else vars(copied)).update(found)
+        elif isinstance(copied, list):
+            copied[:] = map(self.of, value)
+        return copied
 
 
 NOT_EVALUATED: Final = "not evaluated"
@@ -179,14 +214,19 @@ def why(machine: Machine, state: str, elapsed_ns: int | None) -> list[Cause]:
 
 
 def seen_in(turn: LastTurn, machine: Machine) -> list[Cause]:
-    """Explain the transitions of a state as they were evaluated in a turn."""
+    """Explain the transitions of a state as they were evaluated in a turn.
+
+    Of values that were not kept, such as a module's, it is shown if they give another result now.
+    """
     found = []
     for number, transition in enumerate(_transitions(machine, turn.state)):
         cause, evaluated = _unseen(transition), turn.transitions.get(number)
         if evaluated is not None:
-            value, elapsed_ns = evaluated
-            cause = _cause(machine, turn.state, transition, elapsed_ns, turn.attributes)
-            cause = cause._replace(value=value)
+            value, elapsed_ns, attributes = evaluated
+            cause = _cause(machine, turn.state, transition, elapsed_ns, attributes)
+            is_stale = None not in (cause.value, value) and cause.value is not value
+            seen = f"{cause.seen} (as it is now)" if is_stale else cause.seen
+            cause = cause._replace(value=value, seen=seen)
         found.append(cause)
     return found
 

@@ -1,9 +1,9 @@
-"""The text of an expression with values in the places of its parts, as ``why`` shows it.
+"""The text of an expression with values beside its parts, as ``why`` shows it.
 
-``self.scan.nearest < LIMIT`` becomes ``0.32 < 0.5``. Only the text is made here: the values are
-those of an `Evaluator`. A part that has none stays as it is written, and so does one that was not
-reached, if it cannot be evaluated. Numbers have six digits, unless two that are compared would look
-alike.
+``self.scan.nearest < LIMIT`` becomes ``scan.nearest=0.32 < LIMIT=0.5``. Only the text is made here:
+the values are those of an `Evaluator`. A part that has none stays as it is written, and so does one
+that was not reached, if it cannot be evaluated. What is long or makes a text is replaced by its
+value. Numbers have six digits, unless two that are compared would look alike.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ _SHOWN: Final = (
     *(ast.Name, ast.Attribute, ast.Subscript, ast.Call, ast.JoinedStr),
     *(ast.ListComp, ast.SetComp, ast.DictComp),
 )
-
+_NAMED: Final = (ast.Name, ast.Attribute, ast.Subscript, ast.Call)
+_LONGEST: Final = 40  # characters of a part that stands beside its value
 
 _texts: Final = ValueText(60)
 
 
 def annotated(evaluator: Evaluator, text: str) -> str:
-    """Write an expression with values in place of all that is not constant."""
+    """Write an expression with the values of all that is not constant."""
     tree = ast.parse(text.strip(), mode="eval").body  # one of its own, which is changed
     return ast.unparse(_Substitution(evaluator).visit(tree))
 
@@ -44,15 +45,16 @@ def elapsed_text(elapsed_ns: int, limit: float, function: str = "after_ms") -> s
 
 
 class _Substitution(ast.NodeTransformer):
-    """Put values in place of names and calls."""
+    """Put values beside names and calls."""
 
     def __init__(self, evaluator: Evaluator):
         self._evaluator = evaluator
         self._is_exact = False  # whether numbers are shown with all of their digits
         self._is_reached = True  # whether the part was evaluated, as far as that is known
+        self._form = "{}={}"  # of a part and its value
 
     def visit(self, node: ast.AST) -> Any:
-        """Replace a node, and what is in it, by values."""
+        """Put values beside the parts of a node."""
         match node:
             case ast.NamedExpr():
                 with suppress(Exception):  # then the name has no value
@@ -75,6 +77,9 @@ class _Substitution(ast.NodeTransformer):
                 return node
             case ast.expr() if isinstance(node, _SHOWN):
                 return self._shown(node)
+            case ast.BinOp(left, ast.Pow(), right):
+                node.left, node.right = self._formed(left, "({}={})"), self.visit(right)
+                return node
         return self._inside(node)
 
     def _in_turn(self, values: Sequence[ast.expr], decisive: bool) -> Iterator[ast.expr]:
@@ -99,18 +104,24 @@ class _Substitution(ast.NodeTransformer):
         except Exception:  # whatever code of operators raises: this part has no value
             is_part = isinstance(node, ast.Attribute | ast.Subscript) and not self._is_reached
             # Texts cannot be in place of parts of a text.
-            return node if is_part or isinstance(node, ast.JoinedStr) else self._inside(node)
+            if is_part or isinstance(node, ast.JoinedStr):
+                return node
+            return self._inside_of_part(node)
+        if isinstance(node, _NAMED) and self._evaluator.clock_of(node) is None:
+            source = ast.unparse(self._evaluator.without_owner(node))
+            if source.endswith(text):  # a member of an enumeration
+                return ast.Name(source)
+            if len(source) <= _LONGEST and self._form:
+                return ast.Name(self._form.format(source, text))
         if text.startswith("-"):
             return ast.UnaryOp(ast.USub(), ast.Name(text[1:]))  # it may be raised to a power
         return ast.Name(text)
 
     def _text(self, node: ast.expr) -> str:
-        match node:
-            case ast.Call(ast.Name(name) | ast.Attribute(attr=name), [limit], []) if name in CLOCK:
-                if self._evaluator.elapsed_ns is not None:
-                    return elapsed_text(
-                        self._evaluator.elapsed_ns, self._evaluator.data(limit), name
-                    )
+        clock = self._evaluator.clock_of(node)
+        if clock is not None and self._evaluator.elapsed_ns is not None:
+            name, limit = clock
+            return elapsed_text(self._evaluator.elapsed_ns, self._evaluator.data(limit), name)
         value = self._evaluator.data(node)
         if isinstance(value, enum.Enum) and not isinstance(value, enum.Flag):
             return f"{type(value).__name__}.{value.name}"
@@ -123,6 +134,28 @@ class _Substitution(ast.NodeTransformer):
             self._evaluator = outer.hiding(inner_names(node))
         found = self.generic_visit(node)
         self._evaluator = outer
+        return found
+
+    def _inside_of_part(self, node: ast.expr) -> ast.AST:
+        """Put values into a part that has none; in a call, a name beside one would be a keyword."""
+        match node:
+            case ast.Attribute(value) | ast.Subscript(value):
+                node.value = self._formed(value, "({}={})")
+                if isinstance(node, ast.Subscript):
+                    node.slice = self.visit(node.slice)
+                return node
+            case ast.Call(function, arguments):
+                node.func = self._formed(function, "({}={})")
+                node.args = [self._formed(each, "") for each in arguments]
+                for keyword in node.keywords:
+                    keyword.value = self._formed(keyword.value, "")
+                return node
+        return self._inside(node)
+
+    def _formed(self, node: ast.expr, form: str) -> Any:
+        before, self._form = self._form, form
+        found = self.visit(node)
+        self._form = before
         return found
 
     def _truth(self, node: ast.expr) -> bool | None:

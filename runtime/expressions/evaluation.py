@@ -260,11 +260,11 @@ class Evaluator:
         raise EvaluationError(name)
 
     def _call(self, node: ast.Call) -> Any:
-        called_name = ast.unparse(node.func).rpartition(".")[2]
-        if called_name in CLOCK and len(node.args) == 1 and not node.keywords:
+        if (clock := self.clock_of(node)) is not None:
             if self.elapsed_ns is None:
                 raise EvaluationError("the state was not entered yet")
-            return self.elapsed_ns > self.data(node.args[0]) * CLOCK[called_name]
+            name, limit = clock
+            return self.elapsed_ns > self.data(limit) * CLOCK[name]
         function, arguments = self.value(node.func), [*self._elements(node.args)]
         keywords = {each.arg or "": self.value(each.value) for each in node.keywords}
         if isinstance(function, MethodType):
@@ -274,6 +274,21 @@ class Evaluator:
             return self._inline(function, arguments)
         return call(function, arguments, keywords)
 
+    def clock_of(self, node: ast.expr) -> tuple[str, ast.expr] | None:
+        """Return the function of the state's clock that is called, and its limit; else None."""
+        match node:
+            case ast.Call(ast.Name(name), [limit], []) if name in CLOCK and self._is_owned:
+                return None if name in self._locals else (name, limit)
+            case ast.Call(ast.Attribute(of, name), [limit], []) if name in CLOCK:
+                with suppress(Exception):  # what has no value is not the machine
+                    return (name, limit) if self.value(of) is self._owner else None
+        return None
+
+    def without_owner(self, node: ast.expr) -> ast.expr:
+        """Copy an expression, in which attributes of the owner are names."""
+        found: ast.expr = _Bare(self._locals, self._owner).visit(copy.deepcopy(node))
+        return found
+
     def _inline(self, function: FunctionType, arguments: Sequence[Any]) -> Any:
         text = expression_of(function)
         if text is None or self._depth == _DEEPEST:
@@ -282,6 +297,21 @@ class Evaluator:
         inner._depth += 1
         inner._enter(function, arguments)
         return inner.value(parsed(text))
+
+
+class _Bare(ast.NodeTransformer):
+    """Write attributes of the owner as names."""
+
+    def __init__(self, names: Mapping[str, Any], owner: Any):
+        self._names = names
+        self._owner = owner
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        """Leave out the owner, or look inside."""
+        if isinstance(node.value, ast.Name) and self._names.get(node.value.id) is self._owner:
+            return ast.Name(node.attr)
+        node.value = self.visit(node.value)
+        return node
 
 
 def _assigned(target: ast.expr, value: Any) -> Mapping[str, Any]:

@@ -19,7 +19,7 @@ def test_why_a_machine_stays(llfsm: Llfsm, board: str, running: subprocess.Popen
     assert (done.returncode, done.stderr) == (0, "")
     head, row = done.stdout.splitlines()
     assert re.fullmatch(r"it is in A, evaluated \d+\.\d{3} s ago:", head)
-    assert row == "  false  -> B  m.stopping  False"
+    assert row == "  false  -> B  m.stopping  stopping=False"
     assert "no machine 'Nobody'" in llfsm.run("why", "Nobody", "-b", board).stderr
 
 
@@ -31,7 +31,7 @@ def test_why_a_machine_has_left(llfsm: Llfsm, board: str) -> None:
         Directory(wb).find("Stays").send(MachineRequest("stop"))
     wait_for(lambda: rows(llfsm, "-b", board)["Stays"]["paused"] == "breakpoint Stays:B")
     done = llfsm.run("why", "Stays", "-b", board)
-    assert done.stdout == "it has left A:\n  true   -> B  m.stopping  True\nit is in B\n"
+    assert done.stdout == "it has left A:\n  true   -> B  m.stopping  stopping=True\nit is in B\n"
     llfsm.run("continue", "-b", board)
     assert "ended well" in wait_for_line(process, "ended well")
     assert process.wait() == 0

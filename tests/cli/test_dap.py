@@ -100,7 +100,7 @@ def test_an_editor_breaks_looks_steps_and_ends(board: str) -> None:
         reference = here["pose"]["variablesReference"]
         (field,) = editor.ask("variables", variablesReference=reference)["variables"]
         assert (field["name"], field["value"]) == ("data", "12")
-        assert here["m.pose.data <= 9 -> GO"]["value"] == "false: 12 <= 9"
+        assert here["m.pose.data <= 9 -> GO"]["value"] == "false: pose.data=12 <= 9"
         assert shown(3)["bounces"]["scope"] == "Bouncer in STOP"
         assert editor.ask("evaluate", expression="pose.data * 2 + bounces")["result"] == "25"
         assert "no name 'exec'" in editor.refused("evaluate", expression="exec('1')")

@@ -53,7 +53,7 @@ def test_a_machine_is_stepped_broken_and_explained(session: Session) -> None:
         "message 1 of pose",
         "breakpoint Bouncer:STOP: round 4, Bouncer in STOP",
         "it has left GO:",
-        "  true   -> STOP  m.pose.data > 9  12 > 9",
+        "  true   -> STOP  m.pose.data > 9  pose.data=12 > 9",
     ]
     assert entered(prompt, "override Bouncer pose null", "step fire") == [
         "Bouncer: pose is overridden",

@@ -51,9 +51,9 @@ def test_a_recording_is_gone_through_in_both_directions(llfsm: Llfsm, file: Path
         "back: leave: round 7, Bouncer in STOP",
         "back: transition: round 5, Bouncer in GO",
         "it has left STOP:",
-        "  true   -> GO  m.pose.data <= 9  4 <= 9",
+        "  true   -> GO  m.pose.data <= 9  pose.data=4 <= 9",
         "it is in GO, as it would be evaluated now:",
-        "  false  -> STOP  m.pose.data > 9  4 > 9",
+        "  false  -> STOP  m.pose.data > 9  pose.data=4 > 9",
     ]
     assert printed(llfsm, file, "clear", "break @pose if data > 9", "c", "c", "c", "reverse") == [
         "start: round 1, Bouncer in GO",
@@ -102,7 +102,7 @@ def test_code_that_has_changed_is_named_where_it_acts_differently(llfsm: Llfsm, 
     assert shown[2].startswith(expected)
     assert any(line.startswith("* label") and "<= 4" in line for line in shown)
     assert "Bouncer saw pose = Int32(data=4)" in shown
-    assert "  false  -> STOP  m.pose.data > 9  4 > 9" in shown
+    assert "  false  -> STOP  m.pose.data > 9  pose.data=4 > 9" in shown
     assert shown[-2:] == [
         "back: turn: round 4, Bouncer in STOP",
         "back: turn: round 3, Bouncer in GO",

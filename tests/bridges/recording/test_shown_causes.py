@@ -107,7 +107,7 @@ def test_operands_come_with_the_code_at_each_moment(
 
         def has_operands(now_ns: int = now_ns, value: int = value) -> bool:
             seen = [each.seen for each in shown(source, now_ns).transitions]
-            return any(f"{value} > 5" in each or f"{value} <= 5" in each for each in seen)
+            return any(f"={value} {than} limit=5" in each for than in (">", "<=") for each in seen)
 
         wait_for(has_operands, f"the guards' parts when the command was {value}")
         assert not shown(source, now_ns).problem

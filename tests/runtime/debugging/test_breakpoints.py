@@ -135,7 +135,7 @@ def test_what_had_been_seen_as_the_transition_fired() -> None:
     found = first_pause("Driver:waiting if pose.data == 30", [Feeder, Driver], look)
     assert found == (
         ("Driver", "going", "waiting"),
-        [(True, "30 > 9"), (None, "not evaluated")],
+        [(True, "pose.data=30 > limit=9"), (None, "not evaluated")],
     )
 
 

@@ -72,7 +72,7 @@ def test_after_a_step_values_are_those_that_were_evaluated() -> None:
         for n in range(3):
             stopped_at(debugger)
             assert seen(debugger) == [
-                (False, f"{n} == 3 and {n} == 3"),  # though it is one more now
+                (False, f"n={n} == 3 and len(seen)={n} == 3"),  # though it is one more now
                 (False, "is_long: more than one expression"),
                 (False, f"{n * 10} ms > 100 ms"),
             ]
@@ -85,7 +85,7 @@ def test_a_step_to_a_transition_shows_it() -> None:
         found = why_of(debugger.arrangement, "Counts", debugger.now_ns)
         assert (found.state, found.source, found.failed) == ("high", "low", False)
         assert [(each.value, each.seen) for each in found.before] == [
-            (True, "3 == 3 and 3 == 3"),
+            (True, "n=3 == 3 and len(seen)=3 == 3"),
             (None, "not evaluated"),
             (None, "not evaluated"),
         ]
@@ -117,8 +117,8 @@ def test_at_a_failure_the_operands_of_the_guard_are_shown() -> None:
         found = why_of(debugger.arrangement, "Fails", debugger.now_ns)
         assert (found.state, found.source, found.failed) == ("Suspended", "a", True)
         assert [(each.value, each.seen) for each in found.before] == [
-            (False, "0 > 5"),
-            (None, "1 / 0 > 5"),
+            (False, "n=0 > 5"),
+            (None, "1 / n=0 > 5"),
             (None, "not evaluated"),
         ]
         stopped_at(debugger, until="round")
@@ -143,8 +143,8 @@ class FailsLater(Machine):
 @pytest.mark.parametrize(
     ("machine", "found"),
     [
-        (Fails, [(False, "0 > 5"), (None, "1 / 0 > 5"), (None, "not evaluated")]),
-        (FailsLater, [(None, "1 / 0 > 5"), (None, "not evaluated")]),
+        (Fails, [(False, "n=0 > 5"), (None, "1 / n=0 > 5"), (None, "not evaluated")]),
+        (FailsLater, [(None, "1 / n=0 > 5"), (None, "not evaluated")]),
     ],
 )
 def test_a_guard_that_has_ended_all_was_evaluated(
