@@ -18,6 +18,7 @@ from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.expressions.reads import CONTROLLING, LOADING, QUESTIONS, Code, nodes_of
 from llfsm.runtime.plans import Plan
+from llfsm.whiteboard import Slot
 
 _OF_A_MACHINE = CONTROLLING | QUESTIONS
 
@@ -44,6 +45,7 @@ def check_arrangement(
         if len(names) > 1:
             text = f"{' and '.join(names)} post to {slot!r}; is only one of them to run at a time?"
             found.add(Finding(str(file), 1, "warning", text))
+    found.update(_misspelt_slots(file, plan, classes))
     slots = {
         machine.slots.get(sensor.slot.name, sensor.slot.name)
         for cls, machine in zip(classes.values(), plan.machines, strict=True)
@@ -55,6 +57,41 @@ def check_arrangement(
         except BreakpointError as error:
             found.add(Finding(str(file), 1, "error", str(error)))
     return sorted(found)
+
+
+def _misspelt_slots(
+    file: Path, plan: Plan, classes: Mapping[str, type[Machine]]
+) -> Iterator[Finding]:
+    """Find slots that one machine posts to and another one reads under nearly the same name."""
+    posted: dict[str, tuple[str, Slot[Any]]] = {}
+    read: dict[str, tuple[str, Slot[Any]]] = {}
+    for (name, cls), machine in zip(classes.items(), plan.machines, strict=True):
+        for ports, found in ((cls.table.actuators, posted), (cls.table.sensors, read)):
+            for port in ports.values():
+                called = machine.slots.get(port.slot.name, port.slot.name)
+                found.setdefault(called, (name, port.slot))
+    for slot, (reader, wanted) in read.items():
+        for other, (poster, given) in posted.items():
+            same = wanted.fingerprint == given.fingerprint
+            if same and slot not in posted and other not in read and _is_near(slot, other):
+                text = f"{reader} reads {slot!r} and {poster} posts to {other!r}: one is misspelt?"
+                yield Finding(str(file), 1, "warning", text)
+
+
+def _is_near(one: str, other: str) -> bool:
+    """Check if names differ in one letter, or in upper and lower case."""
+    if one.casefold() == other.casefold():
+        return True
+    short, long = sorted((one, other), key=len)
+    pairs = enumerate(zip(short, long, strict=False))
+    start = next((place for place, (a, b) in pairs if a != b), len(short))
+    if len(long) - len(short) == 1:
+        return short[start:] == long[start + 1 :]
+    swapped = short[start + 1 : start + 2] + short[start : start + 1] + short[start + 2 :]
+    rest = long[start:]
+    is_number = long[start : start + 1].isdigit()  # a left and a right one, or so
+    same = len(long) == len(short) and not is_number
+    return same and (short[start + 1 :] == rest[1:] or swapped == rest)
 
 
 def requests_of(cls: type[Machine], variables: Mapping[str, Any]) -> list[tuple[str, str]]:

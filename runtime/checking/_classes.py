@@ -68,6 +68,7 @@ class _Reader:
             self.attributes(),
             dict(self.declared()),
             set(table.actuators),
+            set(table.sensors),
             methods,
             sections,
             self.opaque,
@@ -104,7 +105,8 @@ class _Reader:
     def state(self, state: State) -> CheckedState:
         transitions = [self.transition(each) for each in state.transitions]
         called = (name for name, value in vars(self.cls).items() if value is state)
-        return CheckedState(state.name, self.place(next(called, "")), transitions)
+        place = self.place(next(called, ""))
+        return CheckedState(state.name, place, transitions, "Internal" in state.sections)
 
     def transition(self, transition: Transition) -> CheckedTransition:
         if transition.guard is not None:
@@ -113,7 +115,8 @@ class _Reader:
         always = transition.unconditional or (guard.truth if guard else None)
         if guard and always and transition.after_ms is not None:
             always = None  # not before that time
-        return CheckedTransition(transition.target.name, Place(*transition.location), always, guard)
+        place = Place(*transition.location)
+        return CheckedTransition(transition.target.name, place, always, guard, transition.after_ms)
 
     def expect_only_machine(self, function: Callable[..., Any], what: str) -> None:
         """Find functions that cannot be called with the machine alone."""

@@ -13,6 +13,7 @@ states it has been looked at is not known here.
 from __future__ import annotations
 
 import ast
+import inspect
 import math
 from collections.abc import Iterator, Sequence
 from enum import Enum, EnumMeta
@@ -167,7 +168,7 @@ def _kind(option: Any) -> Any:
     """Give the same to all types whose values may be equal; None to those that are unknown."""
     if option in (bool, int, float):
         return "number"
-    if option in (str, bytes):
+    if option in (str, bytes, NoneType):
         return option
     if is_message(option):
         return "message" if option.__eq__ is msgspec.Struct.__eq__ else None
@@ -278,6 +279,8 @@ def of_division(piece: Piece, node: ast.BinOp | ast.AugAssign | ast.Call) -> Ite
 def of_items(piece: Piece, node: ast.AST) -> Iterator[Finding]:
     """Find items, lengths and loops of what has none, and those that a tuple does not have."""
     match node:
+        case ast.Subscript(value) if isinstance(piece.types.value_of(value), type):
+            return  # a generic class, as list[float]
         case ast.Subscript(value, index, ctx):
             yield from _without(piece, value, _ITEMS[type(ctx)])
             number = _length(piece, value)
@@ -306,6 +309,25 @@ def of_items(piece: Piece, node: ast.AST) -> Iterator[Finding]:
             for op, value in zip(ops, values, strict=True):
                 if isinstance(op, ast.In | ast.NotIn):
                     yield from _without(piece, value, (*_EACH, "__contains__"))
+
+
+def of_nothing(piece: Piece, node: ast.Call) -> Iterator[Finding]:
+    """Find the least or greatest of a sensor's field that its default leaves empty."""
+    match node:
+        case ast.Call(called, [value], []) if piece.types.value_of(called) in (min, max):
+            path = ast.unparse(value).split(".")
+        case _:
+            return
+    if path[0] != piece.code.machine or path[1] not in piece.table.sensors:
+        return
+    found: Any = piece.table.sensors[path[1]].default
+    for name in path[2:]:
+        found = getattr(found, name, None)
+    text = ast.unparse(value)
+    looked_at = sum(ast.unparse(each).count(text) for each in piece.code.body) > 1
+    if isinstance(found, tuple | list | dict | str | bytes) and not found and not looked_at:
+        what = f"{text} is empty at first, and {ast.unparse(called)} of nothing raises"
+        yield piece.finding(node, "warning", f"{what}: give it a default=")
 
 
 def _length(piece: Piece, value: ast.expr) -> int | None:
@@ -550,6 +572,37 @@ def of_text(piece: Piece, node: ast.Assign | ast.Call) -> Iterator[Finding]:
             case ast.Constant(str(text)) if f"{{{piece.code.machine}." in text and "}" in text:
                 what = 'this text is not filled in: write f before it, as f"..."'
                 yield piece.finding(value, "warning", what)
+
+
+def of_format(piece: Piece, node: ast.FormattedValue | ast.Call) -> Iterator[Finding]:
+    """Find formats that the value does not take."""
+    match node:
+        case ast.FormattedValue(value, -1, ast.JoinedStr([ast.Constant(str(form))])):
+            pass
+        case ast.Call(ast.Name("format"), [value, ast.Constant(str(form))]):
+            pass
+        case _:
+            return
+    options = piece.types.of(value)
+    if options and not any(_takes(kind_of(each), form) for each in options):
+        text = f"{ast.unparse(value)} is {named(options)}, which takes no format {form!r}"
+        yield piece.finding(value, "error", text)
+
+
+def _takes(kind: Any, form: str) -> bool:
+    """Check that values of a class can be formatted so; True where that is not known."""
+    if not isinstance(kind, type):
+        return True
+    if kind in _SAMPLES:
+        try:
+            format(_SAMPLES[kind], form)
+        except ValueError:
+            return False
+        return True
+    return inspect.getattr_static(kind, "__format__") is not vars(object)["__format__"]
+
+
+_SAMPLES: dict[type, Any] = {int: 1, float: 1.0, str: "", bool: True}
 
 
 def of_condition(piece: Piece, node: ast.BoolOp | ast.Compare) -> Iterator[Finding]:

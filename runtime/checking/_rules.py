@@ -11,6 +11,12 @@ from collections.abc import Iterator
 
 from llfsm.errors import did_you_mean
 from llfsm.runtime.checking._subject import Finding, Place, Subject
+from llfsm.runtime.checking._time_rules import (
+    contradictory_times,
+    endless_loops,
+    repeated_guards,
+    restarted_times,
+)
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.expressions.assignment import unassigned
 from llfsm.runtime.expressions.reads import REQUESTS, Code, Uses, nodes_of, uses_of
@@ -22,7 +28,8 @@ def findings_of(subject: Subject) -> list[Finding]:
     """Apply all rules; sort what they find by file and line, each thing once."""
     rules = (
         *(_unreachable, _dead, _unused, _unknown, _forgotten, _uninitialised),
-        *(_guards, _endless, _unassigned),
+        *(_guards, _unassigned, _single),
+        *(endless_loops, contradictory_times, repeated_guards, restarted_times),
     )
     return sorted({finding for rule in rules for finding in rule(subject)})
 
@@ -135,25 +142,11 @@ def _effects(subject: Subject, guard: Code) -> Iterator[Finding]:
                 todo.append((subject.methods[name], where, through or f", through {name!r}"))
 
 
-def _endless(subject: Subject) -> Iterator[Finding]:
-    for code in subject.all_code():
-        for node in nodes_of(code):
-            match node:
-                case ast.While(test=ast.Constant(value)) if value and not _can_end(node):
-                    text = "this loop never ends: no machine has another turn"
-                    yield Finding(code.file, node.lineno, "error", text)
-
-
-# What ends a loop, or may raise: a caller may wait for that.
-_ENDS = (
-    *(ast.Break, ast.Return, ast.Raise, ast.Assert, ast.Call, ast.Subscript),
-    *(ast.Await, ast.Yield, ast.YieldFrom),
-)
-
-
-def _can_end(loop: ast.While) -> bool:
-    inside = {each for part in loop.body for each in ast.walk(part)}
-    return any(isinstance(each, _ENDS) for each in inside)
+def _single(subject: Subject) -> Iterator[Finding]:
+    first, *others = subject.states
+    if first.goes_on and not others and not first.transitions:
+        text = f"the only state {first.name!r} has no transitions: the machine ends after one turn"
+        yield Finding(*first.where, "warning", text)
 
 
 def _unassigned(subject: Subject) -> Iterator[Finding]:

@@ -38,20 +38,25 @@ class Declared(NamedTuple):
 
 
 class CheckedTransition(NamedTuple):
-    """A transition; `always` is True if it fires whenever it is evaluated, False if never."""
+    """A transition; `always` is True if it fires whenever it is evaluated, False if never.
+
+    It is not evaluated before `after_ms`, if that is given.
+    """
 
     target: str
     where: Place
     always: bool | None
     guard: Code | None = None
+    after_ms: float | None = None
 
 
 class CheckedState(NamedTuple):
-    """A state and its transitions in their order."""
+    """A state and its transitions in their order; `goes_on` if it has an Internal."""
 
     name: str
     where: Place
     transitions: Sequence[CheckedTransition]
+    goes_on: bool = False
 
 
 @dataclass
@@ -67,6 +72,7 @@ class Subject:
     attributes: set[str] | None
     declared: dict[str, Declared] = field(default_factory=dict)
     actuators: set[str] = field(default_factory=set)
+    sensors: set[str] = field(default_factory=set)
     methods: dict[str, Code] = field(default_factory=dict)
     sections: list[Code] = field(default_factory=list)
     opaque: bool = False

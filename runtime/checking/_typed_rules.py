@@ -9,24 +9,27 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
+from pathlib import Path
 from types import FunctionType, ModuleType, NoneType
 from typing import Any, TypeAlias
 
 import msgspec
 
 from llfsm.errors import did_you_mean
+from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking import _operand_rules as operand_rules
 from llfsm.runtime.checking._subject import Finding, Piece, Subject
+from llfsm.runtime.checking._time_rules import of_waiting
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor, messages_of_domain
+from llfsm.runtime.engine.source_text import syntax_of
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.engine.table import REQUIRED, Table
 from llfsm.runtime.expressions.purity import reads_outside
-from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
+from llfsm.runtime.expressions.reads import LOADING, Code, nodes_of, uses_of
 from llfsm.runtime.expressions.types import (
     BUILT_IN,
     PLAIN,
@@ -97,7 +100,6 @@ def _unevaluated(function: FunctionType) -> inspect.Signature:
 
 _CONTROLS = {*dir(Machine), "table"}
 _SIMPLE = {"float": float, "int": int, "str": str}
-_SLEEPS = "time.sleep delays all machines: wait by a transition with after_ms"
 
 
 _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
@@ -171,9 +173,7 @@ def _of_call(piece: Piece, node: ast.Call) -> Iterator[Finding]:
             yield piece.finding(node, "error", text)
             return
     message = piece.types.value_of(node.func)
-    if message is time.sleep:
-        yield piece.finding(node, "warning", _SLEEPS)
-    elif reads_outside(message):
+    if reads_outside(message):
         text = f"{ast.unparse(node.func)} makes every run different: use a sensor, or after_ms"
         yield piece.finding(node, "warning", text)
     if is_message(message):
@@ -211,11 +211,27 @@ def _of_method(piece: Piece, node: ast.Call, function: FunctionType) -> Iterator
         if wanted and not may_be(value, given, wanted):
             text = f"{called}: {name} is {wanted.__name__}, not {named(given)}"
             yield piece.finding(node, "error", text)
+    if called in LOADING:
+        yield from _of_name(piece, node)
     match called, node.args:
         case "age_ms", [ast.Constant(str(sensor))] if sensor not in piece.table.sensors:
             known = piece.table.sensors
             text = f"the machine has no sensor {sensor!r}; it has: {', '.join(known) or 'none'}"
             yield piece.finding(node, "error", text + did_you_mean(sensor, known))
+
+
+def _of_name(piece: Piece, node: ast.Call) -> Iterator[Finding]:
+    """Find misspelt names of machines; which others a run has in its library is not known."""
+    match node.args:
+        case [ast.Constant(str(name)), *_]:
+            module = sys.modules.get(piece.table.path.partition(":")[0])
+            found = [] if module is None else vars(module).values()
+            known = {each.__name__ for each in found if _is_kind_of(each, Machine)}
+            beside = Path(piece.code.file).parent
+            beside = beside.parent if beside.suffix == SUFFIX else beside
+            known |= {each.stem for each in beside.glob(f"*{SUFFIX}")}
+            if name not in known and (near := did_you_mean(name, known)):
+                yield piece.finding(node, "warning", f"no machine {name!r} is here{near}")
 
 
 def _of_post(piece: Piece, node: ast.Call, port: str) -> Iterator[Finding]:
@@ -312,12 +328,66 @@ def _of_state_name(piece: Piece, node: ast.Compare) -> Iterator[Finding]:
         case ast.Compare(
             ast.Attribute(ast.Name(machine), "state_name"),
             [ast.Eq() | ast.NotEq()],
-            [ast.Constant(str(name))],
+            [compared],
         ) if machine == piece.code.machine:
             states = [each.name for each in piece.table.states]
-            if name not in states:
-                text = f"no state {name!r}; the states are: {', '.join(states)}"
-                yield piece.finding(node, "error", text + did_you_mean(name, states))
+            match compared:
+                case ast.Constant(str(name)) if name not in states:
+                    text = f"no state {name!r}; the states are: {', '.join(states)}"
+                    yield piece.finding(node, "error", text + did_you_mean(name, states))
+                case ast.Attribute(ast.Name(), name) if _is_state(piece.table, name):
+                    text = f"state_name is a text: compare it with {name!r}, or {name}.name"
+                    yield piece.finding(node, "error", text)
+
+
+def _of_result(piece: Piece, node: ast.AST) -> Iterator[Finding]:
+    """Find uses of what a function returns that returns nothing."""
+    match node:
+        case ast.Return(value) | ast.UnaryOp(ast.Not(), value):
+            used = [value]
+        case ast.Assign(_, value) | ast.AugAssign(_, _, value):
+            used = [value]
+        case ast.BoolOp(_, values):
+            used = [*values]
+        case ast.If(test) | ast.IfExp(test) | ast.While(test):
+            used = [test]
+        case ast.Compare(left, _, values):
+            used = [left, *values]
+        case ast.BinOp(left, _, right):
+            used = [left, right]
+        case _:
+            return
+    for each in used:
+        if not isinstance(each, ast.Call):
+            continue
+        function = _called(piece, each)
+        if isinstance(function, FunctionType) and _returns_nothing(function):
+            text = f"{ast.unparse(each.func)} returns nothing"
+            yield piece.finding(each, "error", f"{text}: was a return forgotten?")
+
+
+def _called(piece: Piece, node: ast.Call) -> Any:
+    match node.func:
+        case ast.Attribute(ast.Name(machine), name) if machine == piece.code.machine:
+            return _class_attribute(piece.table, name)
+    return piece.types.value_of(node.func)
+
+
+def _returns_nothing(function: FunctionType) -> bool:
+    """Check that the code of a function ends, and that nothing in it returns a value."""
+    syntax = None if hasattr(function, "__wrapped__") else syntax_of(function)
+    if not isinstance(syntax, ast.FunctionDef) or function.__module__.startswith("llfsm."):
+        return False
+    code = Code(syntax.body, "", "")
+    generates = any(isinstance(each, ast.Yield | ast.YieldFrom) for each in nodes_of(code))
+    last, stub = syntax.body[-1], {*map(type, syntax.body)} <= {ast.Expr, ast.Raise}
+    is_stub = isinstance(last, ast.Raise) or (stub and _is_documented_only(syntax.body))
+    return not (generates or uses_of(code).returns or is_stub)
+
+
+def _is_documented_only(body: Sequence[ast.stmt]) -> bool:
+    """Check that there is nothing but a docstring, or an ellipsis, for subclasses to replace."""
+    return all(isinstance(e, ast.Expr) and isinstance(e.value, ast.Constant) for e in body)
 
 
 def _of_statement(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
@@ -331,17 +401,24 @@ def _of_statement(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
 
 
 _WITH_ITEMS = (ast.Subscript, ast.Call, ast.For, ast.comprehension, ast.Compare, ast.Assign)
+_USES = (
+    *(ast.Return, ast.UnaryOp, ast.Assign, ast.AugAssign, ast.BoolOp, ast.If, ast.IfExp),
+    *(ast.While, ast.Compare, ast.BinOp),
+)
 _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Attribute, _of_attribute),
     (ast.Attribute, _of_store),
     (ast.Call, _of_call),
+    (ast.Call, of_waiting),
     (ast.Expr, _of_statement),
+    (_USES, _of_result),
     ((ast.Assign, ast.AnnAssign), _of_assignment),
     (ast.Compare, _of_state_name),
     (ast.Compare, operand_rules.of_comparison),
     ((ast.BinOp, ast.Compare), operand_rules.of_operator),
     ((ast.BinOp, ast.AugAssign, ast.Call), operand_rules.of_division),
     (_WITH_ITEMS, operand_rules.of_items),
+    (ast.Call, operand_rules.of_nothing),
     (ast.BoolOp, operand_rules.of_none),
     (ast.If, operand_rules.of_none_inside),
     ((ast.BoolOp, ast.Compare), operand_rules.of_condition),
@@ -350,6 +427,7 @@ _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Assign, operand_rules.of_sign),
     ((ast.Assign, ast.AnnAssign), operand_rules.of_hidden),
     ((ast.Assign, ast.Call), operand_rules.of_text),
+    ((ast.FormattedValue, ast.Call), operand_rules.of_format),
 ]
 
 

@@ -74,7 +74,12 @@ def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
         if file.name not in known and file.is_file() and not file.name.startswith("."):
             near = did_you_mean(file.name, known)
             is_python = file.suffix == ".py" and file.name.startswith(("State_", f"{bundle.name}_"))
-            if is_python or file.suffix in _OF_TRANSITIONS or (near and not file.suffix):
+            is_part = file.name.endswith(tuple(f"_{part}.py" for part in _OF_A_MACHINE))
+            is_named = file.suffix in _OF_TRANSITIONS or (near and not file.suffix)
+            if is_python or is_part or is_named:
+                if is_part and not file.name.startswith("State_"):
+                    part = file.stem.rpartition("_")[2]
+                    near = f"; the machine's is {bundle.name}_{part}.py"
                 text = f"nothing reads this file{near or ': States lists no such state'}"
                 yield Finding(str(file), 1, "warning", text)
 
@@ -252,6 +257,7 @@ class _CheckedScope(Scope):
             called = ast.unparse(node.value.func).rpartition(".")[2]
             options = {each.arg for each in node.value.keywords}
         if called == "Sensor":
+            result.sensors.add(name)
             result.declared[name] = Declared("sensor", place)
         elif called == "Actuator":
             result.actuators.add(name)
@@ -301,7 +307,9 @@ class _Checker:
                 for number, each in enumerate(state.transitions)
             ]
             place = Place(str(states), listed.index(state.name) + 1)
-            self.result.states.append(CheckedState(state.name, place, transitions))
+            internal = state.sections.get("Internal")
+            goes_on = internal is not None and bool(internal.text.strip())
+            self.result.states.append(CheckedState(state.name, place, transitions, goes_on))
         return self.result
 
     def file(self, name: str) -> Path:

@@ -57,7 +57,8 @@ class MachineType(type):
             raise DefinitionError(f"{name}: make machines with a class statement or define()")
         if states is None:
             states = _named_states(name, namespace)
-        attributes = {key: value for key, value in namespace.items() if key != "_"}
+        left = {"_", *namespace.loops}
+        attributes = {key: value for key, value in namespace.items() if key not in left}
         for base in bases:
             for key, value in vars(base).items():
                 if isinstance(value, State) and value.name in namespace.inherited:
@@ -74,13 +75,14 @@ class MachineType(type):
 def _named_states(owner: str, body: ClassBody) -> list[State]:
     named: list[State] = []
     for name, value in body.items():
+        if name in body.loops:
+            continue
         if value is State:
             raise DefinitionError(f"{owner}: {name!r} is the class State; write {name} = State()")
         if isinstance(value, State) and value.owner is None:
             if value in named:
                 raise DefinitionError(
-                    f"{owner}: the state {value.name!r} is also called {name!r}; "
-                    f"give it one name (and del the variable of a loop)"
+                    f"{owner}: the state {value.name!r} is also called {name!r}; give it one name"
                 )
             value.name = value.name or name
             named.append(value)

@@ -6,10 +6,12 @@ A `State` is a name, its sections and its ordered transitions; a `Transition` is
 
 from __future__ import annotations
 
+import dis
 import math
 import sys
 from collections.abc import Callable
-from types import FrameType
+from functools import lru_cache
+from types import CodeType, FrameType
 from typing import Any, TypeAlias, TypeVar
 
 from llfsm.runtime.engine.errors import DefinitionError
@@ -33,14 +35,29 @@ class ClassBody(dict[str, Any]):
         self.owner = owner
         self.parent = parent
         self.inherited = {state.name: state.copy() for state in states}
+        self.loops: set[str] = set()  # variables of loops over states, which name no state
         for state in self.inherited.values():
             for transition in state.transitions:
                 transition.target = self.inherited[transition.target.name]
 
     def __setitem__(self, name: str, value: Any) -> None:
-        if getattr(self.get(name), "declared_once", False):
+        if getattr(self.get(name), "declared_once", False) and name not in self.loops:
             raise DefinitionError(f"{self.owner}: {name!r} is declared twice")
+        if isinstance(value, State) and name in _loop_variables(sys._getframe(1).f_code):
+            self.loops.add(name)
         super().__setitem__(name, value)
+
+
+@lru_cache(maxsize=64)
+def _loop_variables(code: CodeType) -> frozenset[str]:
+    """Name the variables of the loops in a class body."""
+    found, is_target = set(), False
+    for each in dis.get_instructions(code):
+        if is_target and each.opname == "STORE_NAME":
+            found.add(each.argval)
+        is_part = is_target and each.opname in ("STORE_NAME", "UNPACK_SEQUENCE")
+        is_target = each.opname == "FOR_ITER" or is_part
+    return frozenset(found)
 
 
 class State:

@@ -76,7 +76,7 @@ LAMP = {
     "State_ON_Transition_0.expr": "not request.wanted",
     "State_ON_Transition_0.target": "OFF",
 }
-IN_CLASSES = ("classes.toml", "values.toml", "uses.toml", "missed.toml")
+IN_CLASSES = ("classes.toml", "values.toml", "uses.toml", "time.toml", "missed.toml")
 LISTS = (*IN_CLASSES, "bundles.toml", "arrangements.toml", "commands.toml")
 PLACE = re.compile(r"[\w./]+:\d+: (error|warning): |no findings")
 NOTHING = "no findings\n"

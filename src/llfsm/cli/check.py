@@ -16,7 +16,7 @@ from llfsm.cli.machines import (
     parse_arguments,
     search_modules_in,
 )
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.checking import (
     Finding,
     check_arrangement,
@@ -75,24 +75,29 @@ def _check_file(file: Path) -> list[Finding]:
         resolved.assemble(environment)
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
-    found += _check_verification(file, resolved.plan)
+    found += _check_verification(file, resolved.plan, {*resolved.classes})
     called = callable_machines(resolved.classes) if resolved.plan.breakpoints else {}
     return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes, called)
 
 
-def _check_verification(file: Path, plan: Plan) -> list[Finding]:
+def _check_verification(file: Path, plan: Plan, machines: set[str]) -> list[Finding]:
     """Check the section on verification of a file: names and domains, not the properties."""
     if plan.verify is None:
         return []
     from llfsm.cli.verify import VerifiedMachines  # which takes a moment to import
 
+    what = [
+        f"[verify] suspend: no machine {name!r}; there are: {', '.join(sorted(machines))}"
+        f"{did_you_mean(name, machines)}"
+        for name in plan.verify.suspend
+        if name not in machines
+    ]
     try:
         VerifiedMachines([str(file)], Verification()).options()
     except (LlfsmError, click.UsageError) as error:
-        what = error.message if isinstance(error, click.UsageError) else str(error)
-        line = line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
-        return [Finding(str(file.absolute()), line, "error", what)]
-    return []
+        what.append(error.message if isinstance(error, click.UsageError) else str(error))
+    line = line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
+    return [Finding(str(file.absolute()), line, "error", each) for each in what]
 
 
 def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:

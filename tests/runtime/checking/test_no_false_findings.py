@@ -129,7 +129,8 @@ def machine(choose: Random) -> tuple[str, dict[str, str]]:
                 lines += [f"    @{state}.{decorator}", "    def _(self) -> None:"]
                 lines += textwrap.indent(body.replace("@", "self."), "        ").splitlines()
         guards = [(code("{b}", choose), choose.choice(states)) for _ in range(choose.randint(0, 2))]
-        guards.append(("@on", states[(number + 1) % len(states)]))  # that all can be reached
+        following = states[(number + 1) % len(states)]  # that all can be reached
+        guards = [*(dict(guards) | {"@on": following}).items()]  # asked again, one never fires
         for place, (guard, target) in enumerate(guards):
             files[f"State_{state}_Transition_{place}.expr"] = guard.replace("@", "")
             files[f"State_{state}_Transition_{place}.target"] = target

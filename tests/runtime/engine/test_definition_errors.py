@@ -75,7 +75,7 @@ def test_a_state_without_name():
 
 
 def test_one_state_with_two_names():
-    with body_error("'a' is also called 'b'.*del"):
+    with body_error("'a' is also called 'b'; give it one name"):
 
         class Alias(Machine):
             a = b = State()
