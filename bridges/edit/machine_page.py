@@ -41,6 +41,7 @@ def machine_data(document: Document) -> dict[str, Any]:
         "shape": document.shape,
         "states": [state.name for state in bundle.states],
         "suspend": bundle.suspend,
+        "lasting": [state.name for state in bundle.states if not state.final],
         "expanded": [name for name, box in layout.items() if box.expanded],
         "frame": drawn["frame"],
         "start": drawn["start"],

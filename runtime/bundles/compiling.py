@@ -238,8 +238,7 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     _extend_search(bundle)
     scope = LoadedScope(vars(module))
     scope.declare(bundle)
-    states = {each.name: State(each.name, suspend=each.name == bundle.suspend)
-              for each in bundle.states}  # fmt: skip
+    states = _states(bundle)
     for each in bundle.states:
         _fill(states[each.name], each, states, scope.of_state(each))
     cls = define(
@@ -251,6 +250,14 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     )
     cls.table.layout = bundle.layout
     return cls
+
+
+def _states(bundle: Bundle) -> dict[str, State]:
+    suspend = bundle.suspend
+    return {
+        each.name: State(each.name, suspend=each.name == suspend, final=each.final)
+        for each in bundle.states
+    }
 
 
 def require_python(bundle: Bundle) -> None:
@@ -334,8 +341,7 @@ def outline(bundle: Bundle) -> Table:
     returns. Variables and ports are left out. Raise `BundleError` for Python that cannot be parsed.
     """
     python = bundle.language == PYTHON
-    states = {each.name: State(each.name, suspend=each.name == bundle.suspend)
-              for each in bundle.states}  # fmt: skip
+    states = _states(bundle)
     for each in bundle.states:
         state = states[each.name]
         for name, fragment in each.sections.items():

@@ -53,6 +53,13 @@ class BundleState:
     includes: Fragment | None = None
     variables: Fragment | None = None
     methods: Fragment | None = None
+    final: bool = True
+    """False if a machine goes on in it, though it has no transitions."""
+
+    @property
+    def accepting(self) -> bool:
+        """True if a machine ends after a turn in the state."""
+        return self.final and not self.transitions
 
     @property
     def declarations(self) -> dict[str, Fragment]:

@@ -53,6 +53,8 @@ PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
 """The texts that a state can have, by which their files are called."""
 NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
 STATE_NAME = re.compile(rf"[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
+NOT_FINAL = "NotFinal"
+"""The part of a state that is there if a machine goes on in it, though it has no transitions."""
 NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}"
 
 
@@ -137,6 +139,7 @@ class Reader:
             self.find(f"{stem}_Includes", self.headers),
             self.find(f"{stem}_Variables", self.headers),
             self.find(f"{stem}_Methods", self.headers),
+            not (self.python and self.exists(f"{stem}_{NOT_FINAL}")),
         )
 
     def _line_of(self, state: str) -> int:

@@ -106,7 +106,8 @@ class _Reader:
         transitions = [self.transition(each) for each in state.transitions]
         called = (name for name, value in vars(self.cls).items() if value is state)
         place = self.place(next(called, ""))
-        return CheckedState(state.name, place, transitions, "Internal" in state.sections)
+        goes_on = state.final and "Internal" in state.sections
+        return CheckedState(state.name, place, transitions, goes_on)
 
     def transition(self, transition: Transition) -> CheckedTransition:
         if transition.guard is not None:

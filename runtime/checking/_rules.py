@@ -146,6 +146,7 @@ def _single(subject: Subject) -> Iterator[Finding]:
     first, *others = subject.states
     if first.goes_on and not others and not first.transitions:
         text = f"the only state {first.name!r} has no transitions: the machine ends after one turn"
+        text += "; one that goes on there has State(final=False)"
         yield Finding(*first.where, "warning", text)
 
 

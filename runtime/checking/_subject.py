@@ -51,7 +51,7 @@ class CheckedTransition(NamedTuple):
 
 
 class CheckedState(NamedTuple):
-    """A state and its transitions in their order; `goes_on` if it has an Internal."""
+    """A state and its transitions in their order; `goes_on` if its Internal is to run again."""
 
     name: str
     where: Place

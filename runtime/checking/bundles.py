@@ -37,7 +37,7 @@ from llfsm.runtime.bundles.names import (
     resolve_method,
     untranslated,
 )
-from llfsm.runtime.bundles.read import Reader, read_bundle
+from llfsm.runtime.bundles.read import NOT_FINAL, Reader, read_bundle
 from llfsm.runtime.checking._rules import findings_of
 from llfsm.runtime.checking._subject import (
     CheckedState,
@@ -67,6 +67,7 @@ def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
     known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in _OF_A_MACHINE)}
     for state in bundle.states:
         stem = f"State_{state.name}"
+        known.add(f"{stem}_{NOT_FINAL}")
         known |= {f"{stem}_{part}.py" for part in (*SECTIONS, *_OF_A_MACHINE)}
         for number in range(len(state.transitions) + 1):  # one more: its name may be meant
             known |= {f"{stem}_Transition_{number}{suffix}" for suffix in _OF_TRANSITIONS}
@@ -308,7 +309,7 @@ class _Checker:
             ]
             place = Place(str(states), listed.index(state.name) + 1)
             internal = state.sections.get("Internal")
-            goes_on = internal is not None and bool(internal.text.strip())
+            goes_on = state.final and internal is not None and bool(internal.text.strip())
             self.result.states.append(CheckedState(state.name, place, transitions, goes_on))
         return self.result
 

@@ -473,7 +473,7 @@ class _Converter:
             for section, code in state.sections.items()
         }
         transitions = tuple(self._transition(each) for each in state.transitions)
-        return BundleState(state.name, sections, transitions)
+        return BundleState(state.name, sections, transitions, final=state.final)
 
     def _transition(self, transition: Transition) -> BundleTransition:
         parts = [transition.timed] if transition.timed else []

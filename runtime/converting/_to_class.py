@@ -218,6 +218,7 @@ class _Writer:
             attribute = self.states[state.name]
             given = [repr(state.name)] if attribute != state.name else []
             given += ["suspend=True"] if state.name == self.bundle.suspend else []
+            given += [] if state.final else ["final=False"]
             yield f"{attribute} = {self.state}({', '.join(given)})"
 
     def _methods(self, fragment: Fragment | None, scope: _TextScope) -> Iterator[str]:

@@ -42,6 +42,7 @@ def class_outline(cls: type[Machine]) -> Bundle:
                 )
                 for each in state.transitions
             ),
+            final=state.final,
         )
         for state in table.states
     )

@@ -20,7 +20,7 @@ def to_dot(table: Table, *, title: str | None = None, sections: bool = False) ->
     ]
     for state, name in ids.items():
         marks = [f'label="{_content(state, sections)}"']
-        if not state.transitions:
+        if state.accepting:
             marks.append("peripheries=2")
         if state is table.suspend:
             marks.append('style="rounded,dashed"')

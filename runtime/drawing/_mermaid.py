@@ -22,7 +22,7 @@ def to_mermaid(table: Table, *, title: str | None = None, sections: bool = False
         for transition, label in zip(state.transitions, numbered_labels(state), strict=True):
             written = f" : {_text(label)}" if label else ""
             lines.append(f"    {name} --> {ids[transition.target]}{written}")
-        if not state.transitions:
+        if state.accepting:
             lines.append(f"    {name} --> [*]")
         note = [
             _text(line)

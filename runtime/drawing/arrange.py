@@ -74,7 +74,7 @@ def _box(state: State, table: Table, sections: bool | None) -> Box:
         state.name,
         texts,
         initial=state is table.initial,
-        accepting=not state.transitions,
+        accepting=state.accepting,
         suspend=state is table.suspend,
         width=given.w if given else 0,
         height=given.h if given else 0,

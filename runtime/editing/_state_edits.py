@@ -14,6 +14,7 @@ from operator import delitem
 from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
+from llfsm.runtime.bundles.read import NOT_FINAL
 from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.editing._draft import CodeEdit, Draft
 from llfsm.runtime.editing._layout_edits import (
@@ -272,8 +273,19 @@ class SetSuspendState(CodeEdit, frozen=True, tag="set suspend state"):
             draft.put_name("SuspendState", draft.state(self.state).name)
 
 
+class SetFinal(CodeEdit, frozen=True, tag="set final"):
+    """Let a machine end in a state that has no transitions, or go on there."""
+
+    state: str
+    final: bool
+
+    def _change(self, draft: Draft) -> None:
+        name = f"State_{draft.state(self.state).name}_{NOT_FINAL}"
+        draft.put(name, None if self.final else b"\n")
+
+
 StateEdit: TypeAlias = (
-    AddState | DeleteState | OrderState | RenameState | SetSuspendState
+    AddState | DeleteState | OrderState | RenameState | SetFinal | SetSuspendState
     | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
 )  # fmt: skip
 

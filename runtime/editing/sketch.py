@@ -142,7 +142,7 @@ def _boxes(bundle: Bundle) -> list[Box]:
         shown = _sections(state, python=python) if place.expanded else ()
         kinds = {
             "initial": state is bundle.states[0],
-            "accepting": not state.transitions,
+            "accepting": state.accepting,
             "suspend": state.name == bundle.suspend,
         }
         boxes.append(_made_box(state.name, shown, place.w, place.h, **kinds))

@@ -43,6 +43,11 @@ _ON_SUSPEND = SECTIONS.index("OnSuspend")
 _LEAVING = ("on_exit", "on_suspend", "on_resume")  # with these a state ends, the last of suspension
 
 
+def _never(_: Machine) -> bool:
+    """Keep a machine in a state without transitions that is not final."""
+    return False
+
+
 def bind(seat: Seat, *, observed: bool) -> None:
     """Fill the bound states of `seat` from its machine's table."""
     for state in type(seat.machine).table.states:
@@ -54,6 +59,8 @@ def bind(seat: Seat, *, observed: bool) -> None:
             code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
             transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
         bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
+        if not transitions and not state.final:
+            transitions = [(None, _never, bound)]
         bound.transitions = tuple(transitions)
     for bound in seat.calls:
         _end_calls_with(seat, bound)

@@ -64,15 +64,18 @@ class State:
     """Declare a state of a machine; the first one declared is the initial state.
 
     The state is called what the class calls it, unless a `name` is given. `suspend=True` makes
-    it the machine's suspend state. In a subclass, declare on `Parent.state` to extend the
-    subclass's copy: sections replace the inherited ones, transitions come after them.
+    it the machine's suspend state. A machine ends after a turn in a state without transitions,
+    unless that state is not `final`: then it goes on there. In a subclass, declare on
+    `Parent.state` to extend the subclass's copy: sections replace the inherited ones, transitions
+    come after them.
     """
 
     declared_once = True
 
-    def __init__(self, name: str | None = None, *, suspend: bool = False):
+    def __init__(self, name: str | None = None, *, suspend: bool = False, final: bool = True):
         self.name = name or ""
         self.suspend = suspend
+        self.final = final
         self.sections: dict[str, SectionCode] = {}
         self._given: set[str] = set()  # those of `sections` that are not inherited
         self.transitions: list[Transition] = []
@@ -80,6 +83,11 @@ class State:
 
     def __repr__(self) -> str:
         return f"State({self.name!r})"
+
+    @property
+    def accepting(self) -> bool:
+        """True if a machine ends after a turn in the state."""
+        return self.final and not self.transitions
 
     def on_entry(self, code: S) -> S:
         """Run `code` when the state is entered from another one."""
@@ -129,7 +137,7 @@ class State:
 
     def copy(self) -> State:
         """Return an independent state with the same sections, transitions and targets."""
-        twin = State(self.name, suspend=self.suspend)
+        twin = State(self.name, suspend=self.suspend, final=self.final)
         twin.sections = dict(self.sections)
         twin.transitions = [transition.copy(twin) for transition in self.transitions]
         return twin

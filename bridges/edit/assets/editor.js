@@ -198,6 +198,11 @@ export class Editor {
     if (state) this.apply({ edit: "set suspend state", state: this.machine.data.suspend === state ? null : state });
   }
 
+  toggleFinal() {
+    const { state } = this;
+    if (state) this.apply({ edit: "set final", state, final: this.machine.data.lasting.includes(state) });
+  }
+
   arrange() {
     this.apply({ edit: "arrange again" });
   }

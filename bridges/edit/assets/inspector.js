@@ -49,7 +49,7 @@ export class Inspector {
     const targets = state ? this.machine.transitions(state).map((edge) => edge.target) : [];
     const others = PARTS.filter((part) => !SHOWN.includes(part) && data.texts[`${state}|${part}`]);
     const isInitial = state === data.states[0];
-    return [state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.editable, [...this.opened]];
+    return [state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.lasting, data.editable, [...this.opened]];
   }
 
   // Shows which transition is selected.
@@ -111,10 +111,12 @@ export class Inspector {
     const { data } = this.machine;
     const { editor } = this;
     const isInitial = data.states[0] === state;
+    const lasts = data.lasting.includes(state);
     if (data.editable) {
       this.tools(
         ["Initial", () => editor.makeInitial(), isInitial],
         ["Suspend", () => editor.toggleSuspend(), data.suspend === state],
+        ...(lasts || !this.machine.transitions(state).length ? [["Goes on", () => editor.toggleFinal(), lasts]] : []),
         ["Delete", () => editor.remove()],
       );
     } else this.tools();

@@ -22,6 +22,7 @@ class _Shown(NamedTuple):
     declarations: list[str]
     sections: Mapping[str, str]
     transitions: list[tuple[str, str]]
+    accepting: bool
 
 
 @click.command()
@@ -54,6 +55,7 @@ def _of_bundle(bundle: Bundle) -> Iterator[str]:
             _declared(state.variables),
             {name: fragment.text for name, fragment in state.sections.items()},
             [(each.target, _label(each.expression)) for each in state.transitions],
+            state.accepting,
         )
         for state in bundle.states
     ]
@@ -70,6 +72,7 @@ def _of_class(cls: type[Machine]) -> Iterator[str]:
             [],
             {name: body_of(code) or repr(code) for name, code in state.sections.items()},
             [(each.target.name, each.label) for each in state.transitions],
+            state.accepting,
         )
         for state in table.states
     ]
@@ -82,7 +85,7 @@ def _states(states: list[_Shown], suspend: str | None) -> Iterator[str]:
         marks = {
             "initial": state is states[0],
             "suspend": state.name == suspend,
-            "accepting": not state.transitions,
+            "accepting": state.accepting,
         }
         marked = ", ".join(mark for mark, holds in marks.items() if holds)
         yield ""

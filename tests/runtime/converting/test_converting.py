@@ -92,7 +92,7 @@ def ran(machines: list[type[Machine]], seed: int, rounds: int) -> list[Any]:
 
 def arrows(cls: type[Machine]) -> list[Any]:
     return [
-        [(each.target.name, each.after_ms) for each in state.transitions]
+        (state.final, [(each.target.name, each.after_ms) for each in state.transitions])
         for state in cls.table.states
     ]
 
@@ -207,7 +207,8 @@ def bundles(drawn: Any) -> list[Bundle]:
                 SECTIONS[key]: Fragment("\n".join(statements(what, names)) + "\n")
                 for key, what in codes.items()
             }
-            states.append(BundleState(f"S{number}", sections, tuple(arrows)))
+            final = bool(leads) or number % 2 == 0
+            states.append(BundleState(f"S{number}", sections, tuple(arrows), final=final))
         made.append(Bundle(name, tuple(states), includes=INCLUDES, variables=VARIABLES))
     return made
 

@@ -35,7 +35,7 @@ steps = st.lists(
             "add state", "rename state", "delete state", "order state", "set suspend state",
             "add transition", "retarget transition", "order transition", "delete transition",
             "set text", "include", "place states", "bend transition", "expand state",
-            "resize state", "arrange again",
+            "resize state", "arrange again", "set final",
         ]),
         *(numbers, numbers, numbers, numbers),
         st.sampled_from(NAMES),
@@ -52,6 +52,7 @@ def model_of(bundle: Bundle) -> list[Any]:
             state.name,
             {key: text.text for key, text in state.sections.items()},
             [[t.target, t.expression.text if t.expression else ""] for t in state.transitions],
+            state.final,
         ]
         for state in bundle.states
     ]
@@ -75,7 +76,7 @@ class Naive:
     def add_state(self, edit: Any) -> bool:
         if not self.is_free(edit["state"]):
             return False
-        self.states.append([edit["state"], {}, []])
+        self.states.append([edit["state"], {}, [], True])
         return True
 
     def rename_state(self, edit: Any) -> bool:
@@ -110,6 +111,10 @@ class Naive:
 
     def set_suspend_state(self, edit: Any) -> bool:
         self.suspend = edit["state"]
+        return True
+
+    def set_final(self, edit: Any) -> bool:
+        self.find(edit["state"])[3] = edit["final"]
         return True
 
     def add_transition(self, edit: Any) -> bool:
@@ -166,6 +171,7 @@ def made(step: Any, document: Document) -> dict[str, Any] | None:
         "delete state": {"state": state.name},
         "order state": {"state": state.name, "to": to},
         "set suspend state": {"state": state.name if k else None},
+        "set final": {"state": state.name, "final": bool(k % 2)},
         "add transition": {"source": state.name, "target": other.name, "expression": text},
         "retarget transition": {**number, "target": other.name},
         "order transition": {**number, "to": to % count},
