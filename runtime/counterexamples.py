@@ -61,9 +61,9 @@ _REQUESTED = {
 # Scripts
 
 
-def script_of(witness: Witness, slots: Mapping[str, Slot[Any]]) -> list[Step]:
-    """Make a script of the environment's choices; `slots` are the machines', by name."""
-    steps = list(_steps(witness, slots))
+def script_of(witness: Witness, space: Space) -> list[Step]:
+    """Make a script of the environment's choices in a `space`."""
+    steps = list(_steps(witness, space))
     if witness.at_end:
         steps[-1] = steps[-1]._replace(after=witness.at_end)
     return steps
@@ -76,14 +76,14 @@ def between_of(witness: Witness) -> tuple[float, float] | None:
     return witness.turns[witness.loop].time_ms, witness.turns[-1].time_ms
 
 
-def _steps(witness: Witness, slots: Mapping[str, Slot[Any]]) -> Iterator[Step]:
+def _steps(witness: Witness, space: Space) -> Iterator[Step]:
     contents: dict[str, Any] = {}
     now_ms = 0.0
     for _, turns in groupby((*witness.turns, *witness.rest), key=lambda turn: turn.round):
         first, *others = turns
         before: dict[str, dict[Slot[Any], Any]] = {}
         asks: dict[str, list[Ask]] = {}
-        messages = _news(first, contents, slots)
+        messages = _news(first, contents, space)
         for turn in (first, *others):
             asked: list[Ask] = ["suspend"] if turn.withdraws else []
             if turn.request is not None:
@@ -93,21 +93,22 @@ def _steps(witness: Witness, slots: Mapping[str, Slot[Any]]) -> Iterator[Step]:
             if asked:
                 asks[turn.machine] = asked
         for turn in others:
-            if news := _news(turn, contents, slots):
+            if news := _news(turn, contents, space):
                 before[turn.machine] = news
         yield Step(first.time_ms - now_ms, messages, before, asks)
         now_ms = first.time_ms
 
 
-def _news(
-    turn: ChosenTurn, contents: dict[str, Any], slots: Mapping[str, Slot[Any]]
-) -> dict[Slot[Any], Any]:
-    """Find the messages that the environment changes at a turn, and note them in `contents`."""
+def _news(turn: ChosenTurn, contents: dict[str, Any], space: Space) -> dict[Slot[Any], Any]:
+    """Find the messages that the environment changes at a turn, and note them in `contents`.
+
+    One that must not be too old is posted again.
+    """
     news = {}
     for name, message in turn.found.items():
-        if contents.get(name) is not message:  # equal ones are one object
-            contents[name] = message
-            news[slots[name]] = message
+        if contents.get(name) is not message or (name in space.aged and message is not None):
+            contents[name] = message  # equal ones are one object
+            news[space.slots[name]] = message
     return news
 
 
@@ -133,7 +134,7 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
 
     for observer in (look, *observers):
         run.arrangement.attach(observer)
-    for _ in run.play(script_of(witness, space.slots)):
+    for _ in run.play(script_of(witness, space)):
         pass
     if run.error is not None:
         raise run.error
@@ -406,7 +407,7 @@ def story_of(space: Space, witness: Witness, *, full: bool = False) -> Iterator[
     if not number:
         yield "in the initial state"
     else:
-        script = script_of(witness, space.slots)
+        script = script_of(witness, space)
         rows = rows_of(
             space.members,
             script,
@@ -437,7 +438,7 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
     holds = text.imported("llfsm.runtime.counterexamples", "holds")
     play = text.imported(KIT, "play")
     machines = "".join(f"            {_machine(text, each, folder)},\n" for each in space.members)
-    steps = "".join(f"            {text.step(step)},\n" for step in script_of(witness, space.slots))
+    steps = "".join(f"            {text.step(step)},\n" for step in script_of(witness, space))
     keep = "        unload_accepting=True,\n" if space.unload_accepting else ""
     keep += "" if space.on_error == "stop" else f"        on_error={space.on_error!r},\n"
     keep += "        to_end=True,\n" if space.suspend else ""

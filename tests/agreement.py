@@ -21,7 +21,7 @@ from llfsm.runtime.verification import (
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
 from naive_explorer import Explored, May, naively_explored
-from random_machines import LEFT, RIGHT, SHARED, built, specs
+from random_machines import FRESH, LEFT, RIGHT, SHARED, Ages, ages, built, specs
 
 __all__ = ["DOMAINS", "Situation", "assert_agreement", "situations"]
 
@@ -39,6 +39,7 @@ class Situation(NamedTuple):
     period_ms: int
     may: May
     on_error: OnError = "stop"
+    ages: Ages = FRESH
 
 
 situations = st.builds(
@@ -48,12 +49,13 @@ situations = st.builds(
     st.sampled_from([5, 8, 10]),
     st.builds(May, st.booleans(), st.sets(st.just("A")), st.booleans()),
     st.sampled_from(["stop", "suspend"]),
+    ages,
 )
 
 
 def assert_agreement(situation: Situation, *, most: int) -> None:
     """Compare counts, verdicts and the lengths of witnesses; leave out what has more states."""
-    machines, may = built(situation.machines), situation.may
+    machines, may = built(situation.machines, situation.ages), situation.may
     how: dict[str, Any] = {
         "period_ms": situation.period_ms,
         "unload_accepting": situation.unload_accepting,

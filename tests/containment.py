@@ -18,7 +18,7 @@ from llfsm.runtime.verification import Space, UnsupportedError, explore
 from llfsm.runtime.verification._predicates import PackedSituation
 from llfsm.runtime.verification.properties import Situation
 from llfsm.runtime.verification.values import freeze
-from random_machines import LEFT, RIGHT, SHARED, built, specs
+from random_machines import FRESH, LEFT, RIGHT, SHARED, Ages, ages, built, specs
 
 __all__ = ["Boundary", "Follower", "Happenings", "assert_contained", "happenings"]
 
@@ -39,6 +39,7 @@ class Happenings(NamedTuple):
     period_ms: int
     boundaries: list[Boundary]
     on_error: OnError = "stop"
+    ages: Ages = FRESH
 
 
 _ASKED = st.sampled_from(["suspend", "suspend", "resume", "restart", "stop"])
@@ -53,6 +54,7 @@ happenings = st.builds(
     st.sampled_from([5, 8, 10]),
     st.lists(_QUIET | _BUSY, min_size=4, max_size=30),
     st.sampled_from(["stop", "suspend"]),
+    ages,
 )
 
 
@@ -64,7 +66,7 @@ def assert_contained(happened: Happenings, *, most: int) -> None:
     }
     try:
         space = explore(
-            built(happened.machines),
+            built(happened.machines, happened.ages),
             period_ms=happened.period_ms,
             sensors=DOMAINS,
             stop=True,
@@ -135,7 +137,7 @@ class _Live(Follower):
     ):
         super().__init__(space, ScriptedEnvironment())
         self.arrangement = Arrangement(
-            built(happened.machines),
+            built(happened.machines, happened.ages),
             environment=self.environment,
             unload_accepting=unload_accepting,
             on_error=on_error,

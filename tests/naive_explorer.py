@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from definition import Defined, DefinedKernel
 from llfsm.runtime import ExecutionError, Machine, ManualClock
-from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
+from llfsm.runtime.engine.environment import AgedRead, BoardEnvironment, Post, Read
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -63,6 +63,35 @@ class World(BoardEnvironment):
         self.cells: dict[str, Any] = {}
         self.posted: set[str] = set()
         self.read_by: dict[str, set[str]] = {}
+        self.stamps: dict[str, int] = {}
+        self.oldest: dict[str, int] = {}
+        """By slot, the age in ns above which a message is too old; the same for all machines."""
+
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        self.read_by.setdefault(slot.name, set()).add(machine)
+        assert sensor.max_age_ms is not None
+        self.oldest[slot.name] = int(sensor.max_age_ms * 1e6)
+
+        def read() -> object:
+            is_old = slot.name in self.posted and self.age_ns(slot.name) > self.oldest[slot.name]
+            return None if is_old else self.cells.get(slot.name)
+
+        read.start_count = 0  # type: ignore[attr-defined]
+        return read  # type: ignore[return-value]
+
+    def age_ns(self, slot: str) -> int:
+        """Return how old the message in a slot is; 0 without one, or if nobody asks."""
+        if slot not in self.oldest or self.cells.get(slot) is None or slot not in self.posted:
+            return 0
+        age_ns = self.clock.now_ns() - self.stamps[slot]
+        return min(age_ns, self.oldest[slot] + 1)
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         self.read_by.setdefault(slot.name, set()).add(machine)
@@ -73,6 +102,7 @@ class World(BoardEnvironment):
 
         def add(message: Any) -> int:
             self.cells[slot.name] = message
+            self.stamps[slot.name] = self.clock.now_ns()
             return 0
 
         return add
@@ -254,7 +284,10 @@ class _Naive:
                 elapsed,
                 pickle.dumps([(n, getattr(seat.machine, n)) for n in self._variables(seat)]),
             ))  # fmt: skip
-        cells = tuple(pickle.dumps(self.world.cells.get(name)) for name in self.slots)
+        cells = tuple(
+            (pickle.dumps(self.world.cells.get(name)), self.world.age_ns(name))
+            for name in self.slots
+        )
         return (
             turn,
             tuple(machines),
@@ -265,7 +298,7 @@ class _Naive:
 
     def restore(self, state: Any) -> None:
         _, machines, cells, stopping, self.arrangement.kernel.error = state
-        self.arrangement.kernel.stopping = stopping
+        self.arrangement.kernel.stopping = self.arrangement.kernel.stop_is_seen = stopping
         now, roster = self.clock.now_ns(), self.arrangement.roster
         for seat, saved in zip(self.seats, machines, strict=True):
             current, previous, remembered, request, accepted, taken, *more = saved
@@ -285,8 +318,9 @@ class _Naive:
                 setattr(seat.machine, name, value)
             seat.machine.stopping = stopping
             self.begun_in[self.seats.index(seat)] = current
-        for name, cell in zip(self.slots, cells, strict=True):
+        for name, (cell, age_ns) in zip(self.slots, cells, strict=True):
             self.world.cells[name] = pickle.loads(cell)
+            self.world.stamps[name] = now - age_ns
 
     def view(self) -> dict[str, Any]:
         view: dict[str, Any] = dict(self.world.cells)
@@ -311,7 +345,7 @@ class _Naive:
         ]
         requests = [None, *Request] if seat.name in self.may.suspend else [None]
         stops = [False, True] if self.may.stop and not state[3] else [False]
-        contents = itertools.product(*(self.domains[name] for name in free))
+        contents = itertools.product(*(self._contents(name) for name in free))
         passed = self.periods_ns if state[0] == 0 else [0]
         for chosen, request, stop, ns in itertools.product(contents, requests, stops, passed):
             self.restore(state)
@@ -328,6 +362,11 @@ class _Naive:
             if self.may.by_rounds and after == 0:
                 self.world.cells.update((n, None) for n in self.domains if n not in self.kept)
             yield self.save(after)
+
+    def _contents(self, name: str) -> list[Any]:
+        """List the messages that may be in a slot; one may also be too old."""
+        domain = self.domains[name]
+        return [*domain, None] if name in self.world.oldest and None not in domain else domain
 
     def _goes_on(self) -> bool:
         """Return whether a round may begin: also if a request can have come just now."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
@@ -12,7 +12,7 @@ from llfsm.runtime.engine.machine import define
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 
-__all__ = ["LEFT", "RIGHT", "SHARED", "built", "specs"]
+__all__ = ["FRESH", "LEFT", "RIGHT", "SHARED", "Ages", "ages", "built", "specs"]
 
 LEFT, RIGHT, SHARED = (Slot(name, Int32) for name in ("left", "right", "shared"))
 NAMES = ("A", "B", "C")
@@ -49,13 +49,25 @@ machines = st.lists(st.tuples(sections, transitions), min_size=1, max_size=3)
 specs = st.lists(machines, min_size=1, max_size=3)
 
 
-def built(drawn: Any) -> list[type[Machine]]:
+class Ages(NamedTuple):
+    """The `max_age_ms` of the sensors of RIGHT and SHARED."""
+
+    right: float | None = None
+    shared: float | None = None
+
+
+FRESH = Ages()
+_age = st.sampled_from([None, None, None, 1, 5, 8, 9.5, 20])
+ages = st.builds(Ages, _age, _age)
+
+
+def built(drawn: Any, ages: Ages = FRESH) -> list[type[Machine]]:
     """Return the machines of a drawn list."""
     names = NAMES[: len(drawn)]
-    return [_machine(name, spec, names) for name, spec in zip(names, drawn, strict=True)]
+    return [_machine(name, spec, names, ages) for name, spec in zip(names, drawn, strict=True)]
 
 
-def _machine(name: str, spec: Any, others: tuple[str, ...]) -> type[Machine]:
+def _machine(name: str, spec: Any, others: tuple[str, ...], ages: Ages) -> type[Machine]:
     states = [State(f"S{number}") for number in range(len(spec))]
     for state, (codes, leads) in zip(states, spec, strict=True):
         for section, what in codes.items():
@@ -67,8 +79,8 @@ def _machine(name: str, spec: Any, others: tuple[str, ...]) -> type[Machine]:
             state.to(states[target % len(states)], when=when, after_ms=after_ms)
     ports = {
         "left": Sensor(LEFT),
-        "right": Sensor(RIGHT, default=Int32(data=2)),
-        "shared": Sensor(SHARED, default=Int32(data=1)),
+        "right": Sensor(RIGHT, default=Int32(data=2), max_age_ms=ages.right),
+        "shared": Sensor(SHARED, default=Int32(data=1), max_age_ms=ages.shared),
         "post": Actuator(SHARED, at_suspend=Int32(data=3)),
     }
     variables = {"n": (int, 0), "kept": (Any, None), "pushed": (list, [])}

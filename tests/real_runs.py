@@ -32,7 +32,7 @@ from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.verification import UnsupportedError, explore
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
-from random_machines import LEFT, RIGHT, built, specs
+from random_machines import FRESH, LEFT, RIGHT, Ages, ages, built, specs
 
 __all__ = ["RealRun", "assert_real_run_contained", "real_runs"]
 
@@ -47,6 +47,7 @@ class RealRun(NamedTuple):
     seed: int
     stopped: bool = False
     """True if the process is stopped and continued meanwhile."""
+    ages: Ages = FRESH
 
 
 real_runs = st.builds(
@@ -57,6 +58,7 @@ real_runs = st.builds(
     st.sampled_from(["stop", "suspend"]),
     st.integers(0, 10**6),
     st.booleans(),
+    ages,
 )
 
 
@@ -65,7 +67,7 @@ def assert_real_run_contained(run: RealRun, *, most: int, rounds: int = 60) -> b
     how: dict[str, Any] = {"unload_accepting": run.unload_accepting, "on_error": run.on_error}
     try:
         space = explore(
-            built(run.machines),
+            built(run.machines, run.ages),
             period_ms=run.period_ms,
             sensors=DOMAINS,
             stop=True,
@@ -91,7 +93,7 @@ def assert_real_run_contained(run: RealRun, *, most: int, rounds: int = 60) -> b
             turn = event.machine if isinstance(event, Turn) else ""
 
     arrangement = Arrangement(
-        built(run.machines),
+        built(run.machines, run.ages),
         environment=environment,
         period_us=run.period_ms * 1_000,
         observers=[look],

@@ -28,6 +28,7 @@ import math
 from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from llfsm.errors import LlfsmError
@@ -55,6 +56,7 @@ class News:
         self._heeded: set[BoundSlot[Any]] = set()
         self._seen: dict[BoundSlot[Any], int] = {}  # all of these slots, and what is no news there
         self._own: list[tuple[BoundSlot[Any], BoundSlot[Any]]] = []  # reader and publisher of one
+        self._left: dict[str, int] = {}  # by slot, the last message of those that were retired
         self._is_current = True  # whether the last two are those of the machines
         self._woken = False
 
@@ -69,6 +71,12 @@ class News:
         self._publishers.setdefault(machine, []).append((slot, publisher))
         self._is_current = False
 
+    def last_post(self, slot: str) -> int:
+        """Return the count of the last message that a machine has posted to a slot; 0 if none."""
+        publishers = chain.from_iterable(self._publishers.values())
+        counts = (publisher.added for name, publisher in publishers if name == slot)
+        return max((self._left.get(slot, 0), *counts))
+
     def heed(self, slot: BoundSlot[Any]) -> None:
         """Return early for a message in that slot, too, which is no news by itself."""
         self._heeded.add(slot)
@@ -77,7 +85,8 @@ class News:
     def retire(self, machine: str) -> None:
         """Forget what a machine reads, and retire its handles."""
         self._readers.pop(machine, None)
-        for _, publisher in self._publishers.pop(machine, ()):
+        for slot, publisher in self._publishers.pop(machine, ()):
+            self._left[slot] = max(self._left.get(slot, 0), publisher.added)
             publisher.retire()
         self._is_current = False
 
@@ -234,10 +243,12 @@ class BoardAgedRead:
     def __init__(
         self,
         sensor: Sensor[Any, Any],
+        slot: str,
         bound: BoundSlot[Any] | OverriddenSlot,
-        environment: Environment,
+        environment: BoardEnvironment,
         start_count: int | None = None,
     ):
+        self._slot = slot
         self.start_count = bound.count if start_count is None else start_count
         self._bound = bound
         self._first = self.start_count if sensor.since_start else 0
@@ -248,7 +259,7 @@ class BoardAgedRead:
         self._environment = environment
         self._stamped = clock.stamps
         self._added: tuple[int, int] | None = None  # count of the latest message, and when it came
-        self._read_ns: int | None = None  # when the message that was read last was added
+        self._read: tuple[int, int] | None = None  # likewise, of the message that was read last
         if not self._stamped:
             self._note(bound.count)
             bound.on_add(self._note)
@@ -259,25 +270,28 @@ class BoardAgedRead:
         if sample is None:
             return None
         if self._stamped:
-            self._read_ns = sample.stamp_ns
+            self._read = sample.count, sample.stamp_ns
         else:
             if self._added is None or self._added[0] != sample.count:  # from another process
                 self._note(sample.count)
-            assert self._added is not None
-            self._read_ns = self._added[1]
-        if sample.count <= self._first or self._age_of(self._read_ns) > self._limit_ns:
+            self._read = self._added
+            assert self._read is not None
+        if sample.count <= self._first or self._age_of(*self._read) > self._limit_ns:
             return None
         return sample.message
 
     def age_ns(self) -> int | None:
         """Return the age of the message that was read last, in nanoseconds; None without one."""
-        return None if self._read_ns is None else self._age_of(self._read_ns)
+        return None if self._read is None else self._age_of(*self._read)
 
-    def _age_of(self, added_ns: int) -> int:
+    def _age_of(self, count: int, added_ns: int) -> int:
         """Return the age in this turn; 0 if it was added after the turn was due."""
         environment = self._environment
         if environment.due_ns is None:
             return self._now() - added_ns
+        due_ns = environment.due_of_post(self._slot, count)
+        if due_ns is not None:
+            return environment.due_ns - due_ns
         return max(environment.due_ns + (environment.clock.behind_ns or 0) - added_ns, 0)
 
     def _note(self, count: int) -> None:
@@ -455,6 +469,8 @@ class BoardEnvironment(Environment):
 
         self.news = News(whiteboard, self.clock)
         self._overrides: dict[str, dict[str, Any]] = {}  # by machine, by name of the slot
+        self._dated: dict[str, tuple[int, int]] = {}  # slots of whose messages the age is asked
+        # With each, the last message that a machine has posted, and when its turn was due.
 
     @property
     def alive(self) -> bool:
@@ -493,7 +509,29 @@ class BoardEnvironment(Environment):
         start_count: int | None = None,
     ) -> AgedRead:
         """Make the reader that compares the messages' stamps with the clock."""
-        return BoardAgedRead(sensor, self._reader(machine, slot), self, start_count)
+        self._dated.setdefault(slot.name, (0, 0))
+        return BoardAgedRead(sensor, slot.name, self._reader(machine, slot), self, start_count)
+
+    def is_due(self, due_ns: int) -> None:
+        """Note which messages the machines have posted since the turn that was due before."""
+        if self._dated and self.due_ns is not None:
+            self._date(self.due_ns)
+        super().is_due(due_ns)
+
+    def due_of_post(self, slot: str, count: int) -> int | None:
+        """Return when the turn was due in which a machine posted a message; None if none did.
+
+        So under a schedule, the age of what machines post to each other is that of their turns.
+        """
+        assert self.due_ns is not None
+        self._date(self.due_ns)
+        last, due_ns = self._dated[slot]
+        return due_ns if count == last else None
+
+    def _date(self, due_ns: int) -> None:
+        for slot, (last, _) in self._dated.items():
+            if (count := self.news.last_post(slot)) > last:
+                self._dated[slot] = count, due_ns
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the `add` of a handle that is the machine's own.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.clock import ManualClock
-from llfsm.runtime.engine.environment import Read
+from llfsm.runtime.engine.environment import AgedRead, Read
 from llfsm.runtime.engine.events import Event, Turn
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.presence.live import LiveEnvironment
@@ -51,6 +51,22 @@ class Step(NamedTuple):
     asks: Mapping[str, Sequence[Ask]] = _NOTHING
     after: Mapping[str, Sequence[Ask]] = _NOTHING
     most_rounds: int = 1
+
+
+class _ScriptedAgedRead:
+    """Read a sensor whose slot the script may have emptied."""
+
+    def __init__(self, aged: AgedRead, read: Read):
+        self.start_count = aged.start_count
+        self._aged = aged
+        self._read = read
+
+    def __call__(self) -> object:
+        return self._read()
+
+    def age_ns(self) -> int | None:
+        """Return the age of the message that was read last, in nanoseconds; None without one."""
+        return self._aged.age_ns()
 
 
 class ScriptedEnvironment(LiveEnvironment):
@@ -130,14 +146,29 @@ class ScriptedEnvironment(LiveEnvironment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Make a function that reads a slot, after posting the script's messages for this turn."""
+        return self._reading(machine, slot, self._reader(machine, slot).get)
+
+    def _reading(self, machine: str, slot: Slot[Any], get: Read) -> Read:
         reader = self._reader(machine, slot)
 
         def read() -> object:
             if machine in self._before:
                 self._post(self._before.pop(machine))
-            return None if self._emptied.get(slot.name) == reader.count else reader.get()
+            return None if self._emptied.get(slot.name) == reader.count else get()
 
         return read
+
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Make a function that reads as `read` does, and knows how old the message is."""
+        aged = super().read_aged(machine, name, sensor, slot, start_count)
+        return _ScriptedAgedRead(aged, self._reading(machine, slot, aged))
 
     def _post(self, messages: Mapping[Slot[Any], Any]) -> None:
         for slot, message in messages.items():

@@ -194,7 +194,8 @@ class Search:
     def steps(self, turn: int, state: int) -> Iterator[Successor]:
         """List all possible turns from a state."""
         tables = self.tables
-        contents = list(tables.system.contents(sorted(tables.system.domains)))
+        system = tables.system
+        contents = list(system.contents(sorted(system.domains), system.withheld))
         for place, group, rounds in self._ready(turn, self.tables.packing.states([state])):
             for number, ready in enumerate(group):
                 begins = turn == 0 and tables.rounds is not None

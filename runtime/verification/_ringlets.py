@@ -224,7 +224,8 @@ class Ringlets(Control):
             seat.entered_ns != environment.entered
             or seat.current is not clock_state
             or not seat.taken,
-            self._posts(),
+            self._numbered(environment.posted),
+            self._numbered(environment.found) if environment.found else (),
             changed,
             tuple(
                 [
@@ -265,11 +266,11 @@ class Ringlets(Control):
 
     def fingerprint(self, place: int) -> object:
         """Return the changes that a ringlet under way has made so far, as a comparable value."""
-        return self._control_of(place), self._variables_of(place), self._posts()
+        posts = self._numbered(self.environment.posted)
+        return self._control_of(place), self._variables_of(place), posts
 
-    def _posts(self) -> tuple[tuple[str, int], ...]:
-        posted = self.environment.posted
-        return tuple([(slot, self.message(slot, m)) for slot, m in posted.items()])
+    def _numbered(self, messages: Mapping[str, Any]) -> tuple[tuple[str, int], ...]:
+        return tuple([(slot, self.message(slot, each)) for slot, each in messages.items()])
 
     def is_settled(
         self, place: int, control: int, *, stopping: bool, may_stop: bool

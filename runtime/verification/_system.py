@@ -13,9 +13,9 @@ it begins again with larger states. That happens a few times, and the ringlets s
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from itertools import islice, product
-from math import prod
+from math import floor, prod
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from llfsm.errors import did_you_mean
@@ -121,18 +121,28 @@ class System:
         """All slots by their names."""
         self.posted: set[str] = set()
         """The slots that machines post to."""
+        self.freshness: list[dict[str, int | None]] = []
+        """For each machine, the slots whose messages may be too old for it, with the age in ns.
+
+        The age is None if all that matters is whether a message is from before the start.
+        """
         declared: dict[str, list[tuple[str, Iterable[Any]]]] = {}
         for seat in self.ringlets.seats:
             table = type(seat.machine).table
             reads = {}
+            fresh: dict[str, int | None] = {}
             for name, sensor in table.sensors.items():
                 slot = seat.slot_of(sensor)
                 reads[name] = slot.name
+                if sensor.max_age_ms is not None or sensor.since_start:
+                    age_ms = sensor.max_age_ms
+                    fresh[slot.name] = None if age_ms is None else floor(age_ms * 1e6)
                 self._add_slot(slot, seat.name)
                 if sensor.domain is not None:
                     where = f"{seat.name}.{name}"
                     declared.setdefault(slot.name, []).append((where, sensor.domain))
             self.reads.append(reads)
+            self.freshness.append(fresh)
             for actuator in table.actuators.values():
                 slot = seat.slot_of(actuator)
                 self._add_slot(slot, seat.name)
@@ -149,6 +159,7 @@ class System:
                 for where, domain in domains:
                     self._add_domain(name, domain, where)
         self._check_complete()
+        self._connect_ages()
         self._check_choices()
         self.defaults: Mapping[str, Any] = defaults_of(self.ringlets.seats)
         """The message that a view shows for each slot while it is empty."""
@@ -213,6 +224,43 @@ class System:
                     f"hold: list those that matter, as in sensors={{SLOT: [message, ...]}}"
                 )
 
+    def _connect_ages(self) -> None:
+        """Note which messages may be too old, and when those are that machines post."""
+        self.ages: dict[str, Limits] = {}
+        """The ages that sensors ask about, of the slots that machines post to."""
+        self.withheld: set[str] = set()
+        """The slots of the environment whose messages may be too old when choices are by rounds."""
+        for place, fresh in enumerate(self.freshness):
+            name = self.names[place]
+            for slot, age_ns in fresh.items():
+                what = f"{name} reads {slot!r} by a sensor with max_age_ms or since_start"
+                if place in self.watchers:
+                    raise UnsupportedError(f"{what}: a monitor must see every message")
+                if sum(other == slot for other in self.reads[place].values()) > 1:
+                    raise UnsupportedError(f"{what} and by another one: keep one of them")
+                if slot in self.domains:
+                    self.withheld.add(slot)
+                elif age_ns is not None:
+                    if self.time_model.period_ns is None:
+                        raise UnsupportedError(
+                            f"{what}, and machines post to it: whether a message is too old is "
+                            f"only known with a period: give period_ms (--period-ms)"
+                        )
+                    self.ages.setdefault(slot, Limits()).note(age_ns)
+        for slot in self.withheld if self.by_rounds else ():
+            readers = [place for place, reads in enumerate(self.reads) if slot in reads.values()]
+            ages = {self.freshness[place].get(slot, -1) for place in readers}
+            if len(ages) > 1:
+                raise UnsupportedError(
+                    f"sensors of {slot!r} have different max_age_ms, and choices are by rounds: a "
+                    f'message may be too old for one of them alone; leave out choices="rounds"'
+                )
+
+    def is_stale(self, place: int, slot: str, periods: int) -> bool:
+        """Check that a message posted so many periods ago is too old for a machine."""
+        limit_ns, period_ns = self.freshness[place].get(slot), self.time_model.period_ns
+        return limit_ns is not None and period_ns is not None and periods * period_ns > limit_ns
+
     # The choices of the environment
 
     def free_slots(self, place: int) -> list[str]:
@@ -225,10 +273,19 @@ class System:
         """Check that a slot's content is from before the turn of the machine, which reads it."""
         return self.by_rounds or slot in self.posted or place in self.watchers
 
-    def contents(self, slots: Iterable[str]) -> Iterator[tuple[tuple[str, int], ...]]:
-        """List all combinations of contents of these slots of the environment."""
-        for numbers in product(*(self.domains[slot] for slot in slots)):
+    def contents(
+        self, slots: Iterable[str], withheld: Container[str]
+    ) -> Iterator[tuple[tuple[str, int], ...]]:
+        """List all combinations of contents of these slots of the environment.
+
+        A message of those that are `withheld` may be too old, which is as if there was none.
+        """
+        for numbers in product(*(self._domain(slot, slot in withheld) for slot in slots)):
             yield tuple(zip(slots, numbers, strict=True))
+
+    def _domain(self, slot: str, may_be_old: bool) -> tuple[int, ...]:
+        domain = self.domains[slot]
+        return (*domain, 0) if may_be_old and 0 not in domain else domain
 
     def choices(self, place: int, *, stopping: bool) -> list[Choice]:
         """List the environment's choices at a turn of the machine at `place`."""
@@ -237,7 +294,7 @@ class System:
         stops = (False, True) if self.stop and not stopping else (False,)
         return [
             Choice(contents, request, stop)
-            for contents in self.contents(slots)
+            for contents in self.contents(slots, self.freshness[place])
             for request in requests
             for stop in stops
         ]

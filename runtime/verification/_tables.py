@@ -28,8 +28,8 @@ from llfsm.runtime.verification.environment import ControlState, Given, RingletO
 from llfsm.runtime.verification.properties import LastAsk
 
 FieldName: TypeAlias = tuple[str, str]
-"""A kind ("control", "variables", "elapsed", "slot", "seen", "stop", "failed") and a name."""
-_FIXED: Final = ("elapsed", "stop")
+"""A kind, such as "control", "variables", "elapsed", "slot", "age" or "seen", and a name."""
+_FIXED: Final = ("elapsed", "age", "stop")
 """The kinds of fields whose largest value is known."""
 
 
@@ -115,6 +115,7 @@ class Tables:
             }
             for place in places
         ]
+        self._ages = {slot: fields["age", slot] for slot in system.ages}
         self._own = [self.controls[n].mask | self._variables[n].mask for n in places]
         self._slots = {name: bits for (kind, name), bits in fields.items() if kind == "slot"}
         self._seen = [
@@ -179,6 +180,8 @@ class Tables:
             sizes["variables", name] = len(system.ringlets.variables[place])
             if most := system.most_time(place):
                 sizes["elapsed", name] = most + 1
+        for slot, limits in system.ages.items():
+            sizes["age", slot] = system.time_model.most(limits) + 1
         for place in range(len(system.names)):
             for slot in system.reads[place].values():
                 if system.keeps(place, slot):
@@ -194,8 +197,10 @@ class Tables:
     def _key_mask(self, place: int) -> int:
         mask = self.controls[place].mask | self._variables[place].mask | self._stop.mask
         mask |= self._elapsed[place].mask
-        for field in self._read[place].values():
+        for slot, field in self._read[place].items():
             mask |= field.mask
+            if slot in self._ages and slot in self.system.freshness[place]:
+                mask |= self._ages[slot].mask
         for other in self.system.mentions[place]:
             mask |= self.controls[other].mask
         return mask
@@ -208,7 +213,7 @@ class Tables:
         keep = self.packing.all & ~self.packing.mask(("slot", slot) for slot in slots)
         effects = tuple(
             (keep, sum(self._put(("slot", slot), code) for slot, code in contents))
-            for contents in system.contents(slots)
+            for contents in system.contents(slots, system.withheld)
         )
         return self.packing.table(0, lambda _: (1, effects))
 
@@ -282,6 +287,11 @@ class Tables:
     def _limits(self, place: int, key: int) -> Limits:
         return self.system.limits_of(place, self.control(place, key))
 
+    def _has_limits(self, place: int, control: int) -> bool:
+        """Check that the time in a control state matters: else it is 0, as it was at first."""
+        codes = self.system.ringlets.controls[place]
+        return bool(self.system.limits_of(place, codes.values[control]))
+
     def running(self, state: int) -> Iterator[tuple[int, Limits, int]]:
         """List the machines whose clocks run: place, limits, and the number for the time."""
         for place, field in enumerate(self._elapsed):
@@ -305,7 +315,12 @@ class Tables:
         """Yield each choice, the contents of the slots that are read then, and the outcome."""
         system = self.system
         control, variables = self.controls[place].of(key), self._variables[place].of(key)
-        kept = tuple([(slot, field.of(key)) for slot, field in self._read[place].items()])
+        kept = tuple(
+            [
+                (slot, 0 if self._is_stale(place, slot, key) else field.of(key))
+                for slot, field in self._read[place].items()
+            ]
+        )
         others = tuple([(other, self.controls[other].of(key)) for other in system.mentions[place]])
         stopping = self.stopping(key)
         for choice in self._choices[place][stopping]:
@@ -318,6 +333,10 @@ class Tables:
                 )
             )
             yield choice, contents, outcome
+
+    def _is_stale(self, place: int, slot: str, key: int) -> bool:
+        age = self._ages.get(slot)
+        return age is not None and self.system.is_stale(place, slot, age.of(key))
 
     def _effect(
         self,
@@ -333,16 +352,21 @@ class Tables:
         if outcome.variables > variables.most:
             self._put(("variables", name), outcome.variables)
         bits = outcome.control << controls.shift | outcome.variables << variables.shift
-        if outcome.restarted:
+        if outcome.restarted or not self._has_limits(place, outcome.control):
             mask |= self._elapsed[place].mask
         values: dict[FieldName, int] = {}
         for other, its in outcome.others:
             values["control", self.system.names[other]] = its
+            if not self._has_limits(other, its):
+                mask |= self._elapsed[other].mask
         for slot, content in (*choice.contents, *outcome.posts):
             if slot in self._slots:
                 values["slot", slot] = content
+        for slot, _ in outcome.posts:
+            if slot in self._ages:
+                values["age", slot] = 0
         for field, slot in self._seen[place]:
-            values[field] = dict(contents)[slot]
+            values[field] = dict((*contents, *outcome.found))[slot]
         if choice.stop:
             values["stop", ""] = 1
         if outcome.error:
@@ -354,13 +378,18 @@ class Tables:
 
     def _ticks(self, rounds: int) -> list[EffectTable]:
         """Make the tables of the time that passes until a round so many after the one before."""
-        return [
+        clocks = [
             self.packing.table(control.mask | elapsed.mask, self._tick_filler(place, rounds))
             for place, (control, elapsed) in enumerate(
                 zip(self.controls, self._elapsed, strict=True)
             )
             if elapsed.most
         ]
+        ages = [
+            self.packing.table(age.mask | self._slots[slot].mask, self._age_filler(slot, rounds))
+            for slot, age in self._ages.items()
+        ]
+        return clocks + ages
 
     def _tick_filler(self, place: int, rounds: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
@@ -372,6 +401,17 @@ class Tables:
             return 1, tuple((keep, number + step << field.shift) for step in steps)
 
         return passed
+
+    def _age_filler(self, slot: str, rounds: int) -> Fill:
+        field, content = self._ages[slot], self._slots[slot]
+        most = self.system.time_model.most(self.system.ages[slot])
+        keep = self.packing.all & ~field.mask
+
+        def aged(key: int) -> tuple[int, tuple[Effect, ...]]:
+            number = min(field.of(key) + rounds, most) if content.of(key) else 0
+            return 1, ((keep, number << field.shift),)
+
+        return aged
 
     def initial(self) -> int:
         """Return the initial state."""

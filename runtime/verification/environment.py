@@ -9,8 +9,10 @@ environment makes that true and as coarse as it can be:
   are a range (`low_ns`, `high_ns`].
 * Other machines are noted when code asks for them or changes them, so that a ringlet depends only
   on those that it has touched.
-* Whatever else passes this door is refused, such as the age of a message. The refusal holds even
-  if the machine's code catches the error.
+* A sensor with `max_age_ms` or `since_start` finds its message or none, as `contents` has it: who
+  gives a ringlet its contents decides which messages are too old.
+* Whatever else passes this door is refused, such as the age of a message in ms. The refusal holds
+  even if the machine's code catches the error.
 """
 
 from __future__ import annotations
@@ -109,6 +111,8 @@ class RingletOutcome(NamedTuple):
     restarted: bool
     """True if its state's clock was started, or will be in its next turn."""
     posts: tuple[tuple[str, int], ...]
+    found: tuple[tuple[str, int], ...]
+    """What its sensors found of its own posts, by slot: a request's come before the snapshot."""
     others: tuple[tuple[int, int], ...]
     """The machines whose control state it changed, and the new one."""
     limits: tuple[tuple[str, int], ...]
@@ -134,6 +138,8 @@ class ExploredEnvironment(Environment):
         """The message in each slot, by name; None before the first."""
         self.posted: dict[str, Any] = {}
         """The last message that the ringlet posted to each slot, by name."""
+        self.found: dict[str, Any] = {}
+        """What its sensors found of them."""
         self.touched: set[str] = set()
         """The names of the machines whose control state it asked for or changed."""
         self.limits: dict[tuple[bool, int], None] = {}
@@ -155,7 +161,7 @@ class ExploredEnvironment(Environment):
 
         It has been in its state for `elapsed_ns`; None if it is about to enter it.
         """
-        self.posted = {}
+        self.posted, self.found = {}, {}
         self.touched = set()
         self.limits = {}
         self.low_ns, self.high_ns = -inf, inf
@@ -195,8 +201,15 @@ class ExploredEnvironment(Environment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Make a function that looks the slot's message up in `contents`."""
-        contents, where = self.contents, slot.name
-        return lambda: contents[where]
+        where = slot.name
+        return lambda: self.look(where)
+
+    def look(self, slot: str) -> Any:
+        """Return the message in a slot for a sensor."""
+        message = self.contents[slot]
+        if slot in self.posted:
+            self.found[slot] = message
+        return message
 
     def read_aged(
         self,
@@ -206,13 +219,8 @@ class ExploredEnvironment(Environment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Refuse: how old messages are is not explored."""
-        self.refuse(
-            f"asks how old the messages of its sensor {name!r} are (max_age_ms, since_start or "
-            f"age_ms): this cannot be explored; without it, put None into the sensor's domain for "
-            f"a message that is too old",
-            machine,
-        )
+        """Make a function that looks the message up in `contents`, if it is not too old there."""
+        return _Aged(self, machine, name, slot)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Make a function that checks and keeps a message, and returns an unusable count."""
@@ -224,7 +232,8 @@ class ExploredEnvironment(Environment):
 
         def post(message: Any) -> int:
             bound.add(message)
-            self.posted[where] = bound.get()
+            # Its own sensors find it, where what a request posts comes before the snapshot.
+            self.posted[where] = self.contents[where] = bound.get()
             return count  # type: ignore[no-any-return]
 
         return post
@@ -253,6 +262,29 @@ class ExploredEnvironment(Environment):
                 f"it this would do something else; name the machines instead"
             )
         self.touched.add(machine)
+
+
+class _Aged:
+    """Read a sensor whose message may be too old; refuse the question how old it is."""
+
+    start_count = 0
+
+    def __init__(self, environment: ExploredEnvironment, machine: str, name: str, slot: Slot[Any]):
+        self._environment = environment
+        self._machine = machine
+        self._name = name
+        self._slot = slot.name
+
+    def __call__(self) -> object:
+        return self._environment.look(self._slot)
+
+    def age_ns(self) -> NoReturn:
+        """Refuse: only whether a message is too old for its sensor is explored."""
+        self._environment.refuse(
+            f"asks how old the message of its sensor {self._name!r} is (age_ms): this cannot be "
+            f"explored; give the sensor a max_age_ms, and test for None",
+            self._machine,
+        )
 
 
 class _Clock(Clock):

@@ -99,6 +99,8 @@ class Space:
         """What runs with this schedule may do that was not explored; "" if there is nothing."""
         self.members = members
         """The machines in their order, and those that watch them."""
+        self.aged = frozenset(system.withheld)
+        """The slots of the environment whose messages may be too old for a sensor."""
         self.slots = system.slots
         """The slots that they use, by name."""
         self.suspend = system.suspend

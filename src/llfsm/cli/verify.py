@@ -317,7 +317,7 @@ def _write(
         record_script(
             recording,
             space.members,
-            script_of(way, space.slots),
+            script_of(way, space),
             plan=subject.plan_with(space.members),
             folder=subject.folder,
             unload_accepting=space.unload_accepting,

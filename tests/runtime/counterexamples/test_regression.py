@@ -68,7 +68,7 @@ def dumped(view: View, names: Iterable[str]) -> list[str]:
 def replays(space: Space, verdict: Verdict) -> None:
     """Check that a counterexample is one, in each way in which it can be played."""
     assert verdict.witness is not None
-    script = script_of(verdict.witness, space.slots)
+    script = script_of(verdict.witness, space)
     between_ms = between_of(verdict.witness)
     how: Any = {"unload_accepting": space.unload_accepting, "on_error": space.on_error}
     with pytest.raises((InvariantError, ExecutionError)):

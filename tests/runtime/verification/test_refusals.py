@@ -171,14 +171,6 @@ def test_the_time_before_a_state_is_entered_is_refused() -> None:
         explore([define("M", [start, rest]), Reader], period_ms=100, sensors={LIGHT: [None]})
 
 
-def test_an_age_limit_of_a_sensor_is_refused() -> None:
-    with pytest.raises(UnsupportedError, match=r"M .*'light'.*max_age_ms"):
-        explore(
-            machine(lambda self: None, light=Sensor(LIGHT, max_age_ms=5, domain=[None])),
-            period_ms=100,
-        )
-
-
 calls = ContextVar("calls", default=0)
 
 
