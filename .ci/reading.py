@@ -36,7 +36,7 @@ ROUTES = {
     "run": (["run", MACHINE, "--directory", "."], "machines/ping_pong.py", "_"),
     "bridge": (
         ["bridge", "ros2", "--config", "bridge.toml", "--transport", "zenoh", "--directory", "."],
-        "src/llfsm/cli/bridge/running.py",
+        "src/llfsm/cli/bridge/ros2.py",
         "over",
     ),
 }
