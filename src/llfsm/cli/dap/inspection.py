@@ -22,7 +22,7 @@ from llfsm.cli.requests import cause_value
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
-from llfsm.runtime.engine.state import location_of
+from llfsm.runtime.engine.state import State, location_of
 from llfsm.runtime.expressions.evaluation import Evaluator, parsed
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard import Message as BoardMessage
@@ -47,7 +47,7 @@ class SourceRange(NamedTuple):
 def breakpoints_at(
     machines: Mapping[str, type[Machine]], file: str, line: int
 ) -> list[SourceRange]:
-    """Find the narrowest place on a line, of each machine that is defined there."""
+    """Find the narrowest places on a line, of each machine that is defined there."""
     found = []
     for name, cls in machines.items():
         here = [
@@ -56,9 +56,9 @@ def breakpoints_at(
             if place.first <= line <= place.last
             and os.path.realpath(place.file) == os.path.realpath(file)
         ]
-        if here:
-            found.append(min(here, key=lambda place: place.last - place.first))
-    return found
+        narrowest = min((place.last - place.first for place in here), default=0)
+        found += [place for place in here if place.last - place.first == narrowest]
+    return [*dict.fromkeys(found)]
 
 
 def state_at(cls: type[Machine], state: str) -> tuple[str, int] | None:
@@ -114,11 +114,20 @@ def _declared(cls: type[Machine]) -> dict[str, SourceRange]:
         for body in ast.walk(parsed[1]) if parsed else ():
             if isinstance(body, ast.ClassDef) and body.name == each.__name__:
                 for node in body.body:
-                    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-                        last = node.end_lineno or node.lineno
-                        place = SourceRange(file, node.lineno, last, "")
-                        found.setdefault(node.targets[0].id, place)
+                    for name in _assigned(node):
+                        state = vars(each).get(name)
+                        if isinstance(state, State):
+                            last = node.end_lineno or node.lineno
+                            found.setdefault(state.name, SourceRange(file, node.lineno, last, ""))
     return found
+
+
+def _assigned(node: ast.stmt) -> Iterator[str]:
+    """Yield the names that a statement assigns."""
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        for each in targets:
+            yield from (part.id for part in ast.walk(each) if isinstance(part, ast.Name))
 
 
 _texts: Final = ValueText(1000)
