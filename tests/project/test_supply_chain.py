@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import re
+import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -35,6 +38,40 @@ def test_every_dependency_has_a_tested_range(line: str) -> None:
 def test_all_is_what_every_extra_for_users_needs() -> None:
     of_users = EXTRAS.keys() - {"all", "test", "examples", "bench", "docs", "release"}
     assert {*EXTRAS["all"]} == {line for extra in of_users for line in EXTRAS[extra]}
+
+
+OFFERED = {"annotationlib", "hypothesis", "mypy"}  # of a later Python; named where it is missing
+
+
+def imported() -> dict[str, set[str]]:
+    """Return the files of the product that import each module that is not Python's own."""
+    found: dict[str, set[str]] = {}
+    for folder in ("bridges", "machines", "runtime", "src", "whiteboard"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if ".machine" in str(file):
+                continue
+            for node in ast.walk(ast.parse(file.read_text())):
+                names = []
+                if isinstance(node, ast.Import):
+                    names = [each.name for each in node.names]
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    names = [node.module]
+                for name in names:
+                    top = name.partition(".")[0]
+                    if top not in sys.stdlib_module_names and top != "llfsm":
+                        found.setdefault(top, set()).add(str(file.relative_to(ROOT)))
+    return found
+
+
+def test_what_is_imported_is_declared() -> None:
+    """Not only what something else that is declared happens to need."""
+    of_users = EXTRAS.keys() - {"all", "test", "examples", "bench", "docs", "release"}
+    lines = [*NEEDED["llfsm"], *(line for extra in of_users for line in EXTRAS[extra])]
+    declared = {canonicalize_name(Requirement(line).name) for line in lines}
+    distributions = packages_distributions()
+    for module, files in imported().items():
+        of_module = {*map(canonicalize_name, distributions.get(module, ()))}
+        assert module in OFFERED or of_module & declared, f"{module}, imported by {sorted(files)}"
 
 
 def locked(lock: Path) -> dict[str, set[str]]:
