@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["LlfsmError", "did_you_mean", "nearby_file", "nothing_called", "one_line"]
+__all__ = [
+    "LlfsmError",
+    "did_you_mean",
+    "nearby_file",
+    "nothing_called",
+    "one_line",
+    "printable",
+]
 
 _LONGEST = 300  # characters of an error in one line
 
@@ -48,9 +55,21 @@ def nothing_called(name: str, known: Iterable[str]) -> str:
     return f"nothing is called {name!r}{did_you_mean(name, known)}"
 
 
+_CONTROLS = {
+    number: f"\\x{number:02x}" if number < 0x80 else f"\\u{number:04x}"
+    for number in (*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+    if chr(number) not in "\n\t"
+}
+
+
+def printable(text: str) -> str:
+    """Write characters that command a terminal, or turn the direction of a text, as escapes."""
+    return text.translate(_CONTROLS)
+
+
 def one_line(error: BaseException) -> str:
     """Return an error's message in one line of about 300 characters at most, as valid UTF-8."""
-    line = " ".join(str(error).split()).encode(errors="backslashreplace").decode()
+    line = printable(" ".join(str(error).split())).encode(errors="backslashreplace").decode()
     if len(line) <= _LONGEST:
         return line
     half = _LONGEST // 2

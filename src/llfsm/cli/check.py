@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import (
     MachineImportError,
     find_bundle,
@@ -54,9 +55,9 @@ def check(machines: tuple[str, ...], types: bool) -> None:
         found.update(check_types(_readable(machines)))
     findings = sorted(found)
     for file, line, severity, text in findings:
-        click.echo(f"{_shown(file)}:{line}: {severity}: {text}")
+        echo(f"{_shown(file)}:{line}: {severity}: {text}")
     if not findings:
-        click.echo("no findings")
+        echo("no findings")
     if any(finding.severity == "error" for finding in findings):
         raise click.exceptions.Exit(1)
 

@@ -9,13 +9,25 @@ import threading
 from collections.abc import Callable
 from types import FrameType
 
+from llfsm.errors import printable
+
 
 def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -> None:
     """Log messages from `level` on to `handlers`, by default to standard error, if that `is_on`."""
     used = handlers or (logging.StreamHandler(),)
     if not is_on:
         used = (logging.NullHandler(),)  # without a handler, Python would print warnings
-    logging.basicConfig(level=level, format="%(message)s", handlers=used)
+    for each in used:
+        each.setFormatter(_Printable())
+    logging.basicConfig(level=level, handlers=used)
+
+
+class _Printable(logging.Formatter):
+    """Format a message alone, without characters that command a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Format a record, its traceback included."""
+        return printable(super().format(record))
 
 
 def log_machines(*, is_on: bool) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
@@ -36,12 +37,12 @@ def import_(bundle: Path, output: Path, force: bool) -> None:
     source = read_bundle(bundle)
     folder = output / f"{source.name}{SUFFIX}"
     write_bundle(import_bundle(source), folder, replace=force)
-    click.echo(f"wrote {folder}")
+    echo(f"wrote {folder}")
     marks = [mark for _, _, text in read_bundle(folder).texts() for mark in _marks(text)]
     if marks:
-        click.echo(f"{len(marks)} to translate by hand before it runs:")
+        echo(f"{len(marks)} to translate by hand before it runs:")
     for mark in marks:
-        click.echo(f"  {mark}")
+        echo(f"  {mark}")
 
 
 def _marks(fragment: Fragment) -> Iterator[str]:
@@ -65,4 +66,4 @@ def convert(machine: str, output: Path) -> None:
     """
     folder = find_bundle(machine)
     wrote = write_converted(find_machine_class(machine) if folder is None else folder, output)
-    click.echo(f"wrote {wrote}")
+    echo(f"wrote {wrote}")

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from llfsm.cli.machines import find_bundle, find_machine_class, parse_arguments
+from llfsm.errors import printable
 from llfsm.runtime.bundles import outline, read_bundle
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
@@ -66,6 +67,8 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
             raise click.UsageError(
                 f"a {form.upper()} is not for a terminal: name a file with -o FILE"
             )
+        if isinstance(written, str) and sys.stdout.isatty():
+            written = printable(written)
         click.echo(written, nl=False)
         return
     try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import directory_option, end_with_input, until_eof_option
 from llfsm.cli.view import page_options, serve
@@ -108,7 +109,7 @@ def _document(machine: str, folders: Sequence[Path]) -> Document:
         cls = find_machine_class(machine, folders)
         document = ClassDocument(ClassName(class_file(cls), cls.__module__, cls.__qualname__))
     if document.recovered:
-        click.echo(f"{document.path}: an interrupted edit has been taken back", err=True)
+        echo(f"{document.path}: an interrupted edit has been taken back", err=True)
     return document
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
     SUFFIX,
@@ -52,12 +53,12 @@ def new(name: str, as_class: bool, output: Path) -> None:
         wrote = output / f"{name}{SUFFIX}"
         machine = str(output / name)
         write_bundle(_bundle(name), wrote)
-    click.echo(f"wrote {wrote}; next:")
+    echo(f"wrote {wrote}; next:")
     if as_class and output != Path():
-        click.echo(f"  cd {shlex.quote(str(output))}")
+        echo(f"  cd {shlex.quote(str(output))}")
     machine = shlex.quote(machine)
     for command in (f"run {machine}", f"check {machine}", f"draw {machine} -o {name}.svg"):
-        click.echo(f"  llfsm {command}")
+        echo(f"  llfsm {command}")
 
 
 _CLASS = '''\

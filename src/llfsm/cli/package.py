@@ -18,6 +18,7 @@ from xml.sax.saxutils import escape
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
@@ -138,7 +139,7 @@ def package(machine: str, output: Path) -> None:
             if each.severity == "error":
                 raise PackageError(f"{each.file}:{each.line}: {each.text}")
         target = write_package(bundle.name, folder, output)
-    click.echo(f"wrote {target}: ros2 run {target.name} {target.name}")
+    echo(f"wrote {target}: ros2 run {target.name} {target.name}")
 
 
 def package_name(machine: str, module: str = "") -> str:

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import click
 from msgspec.structs import astuple
 
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace, board_option, fleet_option, host_option
+from llfsm.errors import printable
 from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.presence.hosts import FleetReader, HostNames, Shown
 from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text, shown_fields
@@ -29,6 +31,7 @@ from llfsm.whiteboard.slot_names import is_own
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.text import Text
 
 
 class Listing(NamedTuple):
@@ -76,7 +79,7 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
     rows = [(listing, machine) for listing in found for machine in listing.machines]
     if as_json:
         for row in rows:
-            click.echo(json.dumps(_plain(*row)))
+            echo(json.dumps(_plain(*row)))
         return
     first = ("WHITEBOARD",) if every else ("HOST",) if fleet else ()
     lines: list[tuple[str, ...]] = [(*first, *_HEADS)]
@@ -87,30 +90,30 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
     if not any(machine.status.realtime for _, machine in rows):
         lines = [line[:-1] for line in lines]
     if not rows:
-        click.echo(_none(board, every=every, fleet=fleet, host=host))
+        echo(_none(board, every=every, fleet=fleet, host=host))
         lines = []
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
-        click.echo("  ".join(padded).rstrip())
+        echo("  ".join(padded).rstrip())
     for _, machine in rows:
         if machine.status.error:
             how = "hangs in" if machine.status.hung else "failed:"
-            click.echo(f"{machine.name} {how} {machine.status.error}")
+            echo(f"{machine.name} {how} {machine.status.error}")
         if machine.status.refusal:
-            click.echo(f"{machine.name} is not reloaded: {machine.status.refusal}")
+            echo(f"{machine.name} is not reloaded: {machine.status.refusal}")
         if machine.status.caller:
-            click.echo(f"{machine.name} is called by {machine.status.caller}")
+            echo(f"{machine.name} is called by {machine.status.caller}")
         for sensor, left_s in _overrides(machine).items():
             until = "until it is released" if left_s is None else f"for {left_s:.0f} s more"
-            click.echo(f"{machine.name}: its sensor {sensor} is overridden, {until}")
+            echo(f"{machine.name}: its sensor {sensor} is overridden, {until}")
     for machine in {machine.status.pid: machine for _, machine in rows}.values():
         if why := machine.status.paused:
-            click.echo(f"the machines of process {machine.status.pid} are paused: {why}")
-            click.echo(f"  {pause_text(machine.status, machine.silent_s)}")
+            echo(f"the machines of process {machine.status.pid} are paused: {why}")
+            echo(f"  {pause_text(machine.status, machine.silent_s)}")
     for listing in found:
         for slot, commanders in listing.contested.items():
-            click.echo(described(slot, commanders))
+            echo(described(slot, commanders))
 
 
 def _none(board: BoardPlace, *, every: bool, fleet: bool, host: str) -> str:
@@ -131,7 +134,7 @@ def listings(places: Iterable[BoardPlace]) -> list[Listing]:
         except BoardNotFoundError:
             continue
         except WhiteboardError as error:
-            click.echo(f"whiteboard {place.name!r}: {error}", err=True)
+            echo(f"whiteboard {place.name!r}: {error}", err=True)
     return found
 
 
@@ -291,49 +294,58 @@ class Watcher:
         return self._rates.get(name, 0.0)
 
 
+def _shown(text: str, style: str = "") -> Text:
+    """Make the text of a cell, which may come from others."""
+    from rich.text import Text
+
+    return Text(printable(text), style)
+
+
 def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
     """Make a table of machines and their states; `wide` adds the columns of `llfsm ps`."""
     from rich.table import Table
-    from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
     for machine in machines:
         style = _STYLES[machine.condition]
         row: list[RenderableType] = [
-            Text(machine.name),
-            Text(machine.state, style),
+            _shown(machine.name),
+            _shown(machine.state, style),
             f"{machine.in_state_s:6.1f} s",
         ]
         if wide:
             status = machine.status
-            overruns = Text(f"{status.overruns} overruns", "red" if status.overruns else "dim")
+            overruns = _shown(f"{status.overruns} overruns", "red" if status.overruns else "dim")
             row += [
-                Text(machine.condition, style),
+                _shown(machine.condition, style),
                 f"{status.ringlets} ringlets",
                 overruns,
                 f"pid {status.pid}",
             ]
         table.add_row(*row)
         if wide and machine.status.error:
-            table.add_row("", Text(machine.status.error, "red"))
+            table.add_row("", _shown(machine.status.error, "red"))
     return table
 
 
 def slot_table(slots: Iterable[SlotRow], *, wide: bool = False) -> RenderableType:
     """Make a table of slots and their values; `wide` adds their age and writer."""
     from rich.table import Table
-    from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
     for slot in slots:
         sample = slot.sample
-        value = Text(_short(sample.message)) if sample else Text(slot.problem or "-", "red")
+        value = _shown(_short(sample.message)) if sample else _shown(slot.problem or "-", "red")
         value.overflow, value.no_wrap = "ellipsis", True
         count = "-" if sample is None else str(sample.count)
-        row: list[RenderableType] = [Text(slot.name, "cyan"), f"{count:>6}", f"{slot.rate:5.1f}/s"]
+        row: list[RenderableType] = [
+            _shown(slot.name, "cyan"),
+            f"{count:>6}",
+            f"{slot.rate:5.1f}/s",
+        ]
         if wide:
             stale = slot.age_s > 1 and slot.rate == 0
-            row.append(Text(f"{slot.age_s:6.1f} s" if sample else "", "dim" if stale else ""))
+            row.append(_shown(f"{slot.age_s:6.1f} s" if sample else "", "dim" if stale else ""))
             row.append(f"pid {sample.writer}" if sample else "")
         table.add_row(*row, value)
     return table
@@ -417,16 +429,15 @@ def _print(screen: RenderableType) -> None:
     with console.capture() as captured:
         console.print(screen)
     for line in captured.get().splitlines():
-        click.echo(line.rstrip())
+        echo(line.rstrip())
 
 
 def _screen(watcher: Watcher, board: str) -> RenderableType:
     from rich.console import Group
-    from rich.text import Text
 
     machines, slots = watcher.machines(), watcher.slots()
     title = f"whiteboard {board}, machines: {len(machines)}, slots: {len(slots)}"
-    parts: list[RenderableType] = [Text(title, "bold")]
+    parts: list[RenderableType] = [_shown(title, "bold")]
     if machines:
         parts += ["", machine_table(machines, wide=True)]
     if slots:

@@ -16,6 +16,7 @@ from llfsm.bridges.recording.recorders import record as record_until
 from llfsm.bridges.recording.writer import EVENTS, RecordingWriter
 from llfsm.cli import VERSION
 from llfsm.cli.console import ending_once, log_to_console
+from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
     Number,
@@ -85,7 +86,7 @@ def record(
             recorder = BoardRecorder(wb, writer, slots, shown)
             has_events = recorder.wants(EVENTS) and not cdr and host in ("", HostNames(wb).own)
             journals = _receiver(wb, writer) if has_events else None
-            click.echo(f"recording the whiteboard {board.name!r} to {output}")
+            echo(f"recording the whiteboard {board.name!r} to {output}")
             sys.stdout.flush()
             until = time.monotonic() + max_time
 
@@ -103,7 +104,7 @@ def record(
         if journals is not None and journals.journals:
             text += f"; {writer.events} events of machines"
             text += ", and some were lost" if writer.lost else ""
-        click.echo(text, err=True)
+        echo(text, err=True)
 
     # `ros2 launch` sends SIGINT twice; the second must not cost the end of the recording.
     ending_once(run, lambda: bool(signals), lambda: False)
@@ -125,10 +126,10 @@ def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalRecorder | N
     except BoardClosedError:
         raise
     except WhiteboardError as error:  # a full board can be recorded all the same
-        click.echo(f"only slots are recorded, no events of machines: {error}", err=True)
+        echo(f"only slots are recorded, no events of machines: {error}", err=True)
         return None
     if receiver.other:
         text = f"{receiver.other} records the machines already, this one only slots"
-        click.echo(text, err=True)
+        echo(text, err=True)
         return None
     return receiver

@@ -13,6 +13,7 @@ from llfsm.bridges.recording.bags import BagTopics
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.replay import BoardReplay
 from llfsm.cli.bridge.configured import Configured
+from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
     Number,
@@ -99,8 +100,8 @@ def _step(player: BoardReplay, from_s: float, is_over: Callable[[], bool]) -> No
         posted = [each for each in step.posted if not is_own(each.slot)]
         if not (posted or step.moved):
             continue
-        click.echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())
+        echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())
         for slot, message in posted:
-            click.echo(f"  {slot} {json.dumps(to_plain(message), ensure_ascii=False)}")
+            echo(f"  {slot} {json.dumps(to_plain(message), ensure_ascii=False)}")
         if is_over() or not sys.stdin.readline():
             return

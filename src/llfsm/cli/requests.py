@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeVar, get_args
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace, Number, board_option
 from llfsm.runtime.debugging.causes import NOT_EVALUATED
 from llfsm.runtime.debugging.debugger import Step
@@ -104,10 +105,10 @@ def _command(action: Action, text: str) -> click.Command:
         with board.open(create=False) as wb:
             status = find_machine(wb, machine).status
             if status.failed:
-                click.echo(f"{machine} had failed: {status.error}")
+                echo(f"{machine} had failed: {status.error}")
             patience_s = _LOADING_S if action == "reload" else None
             state = carry_out(wb, machine, action, patience_s=patience_s)
-        click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
+        echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 
     return command
 
@@ -143,9 +144,9 @@ def why(machine: str, board: BoardPlace) -> None:
     with board.open(create=False) as wb:
         found = find_machine(wb, machine)
         for line in why_lines(fetch_why(wb, found.name)):
-            click.echo(line)
+            echo(line)
         if found.status.failed:
-            click.echo(f"it has failed: {found.status.error}")
+            echo(f"it has failed: {found.status.error}")
 
 
 def fetch_why(board: Board, machine: str) -> MachineWhy:
@@ -229,8 +230,8 @@ def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     """
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("pause", "", lease_s))
-        click.echo(f"paused in {status.state} until `llfsm continue`")
-        click.echo(pause_text(status))
+        echo(f"paused in {status.state} until `llfsm continue`")
+        echo(pause_text(status))
 
 
 @click.command()
@@ -255,7 +256,7 @@ def step(machine: str | None, until: Step, lease_s: float, board: BoardPlace) ->
     """
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("step", until, lease_s))
-        click.echo(f"paused in {status.state} ({status.paused})")
+        echo(f"paused in {status.state} ({status.paused})")
 
 
 @click.command("continue")
@@ -271,7 +272,7 @@ def continue_(machine: str | None, board: BoardPlace) -> None:
     """
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("continue"))
-        click.echo(f"running in {status.state}")
+        echo(f"running in {status.state}")
 
 
 @click.command()
@@ -308,7 +309,7 @@ def override(
         if problem := fetch_why(wb, remote.name).problem:
             raise click.ClickException(problem)
         how = "released" if release else f"overridden until `--release`, or for {lease_s:g} s"
-        click.echo(f"{machine}: {sensor} is {how}")
+        echo(f"{machine}: {sensor} is {how}")
 
 
 def _debug(board: Board, remote: RemoteMachine, request: MachineRequest) -> MachineStatus:

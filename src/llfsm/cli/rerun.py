@@ -25,6 +25,7 @@ from llfsm.bridges.recording.reversing.client import Client, start_client
 from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.machine_config import used_slots
 from llfsm.cli.bridge.configured import Configured
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import ResolvedPlan, parse_arguments
 from llfsm.cli.options import (
     file_option,
@@ -179,9 +180,9 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
     if difference is not None:
         raise click.ClickException(f"{recording.path}: {difference}")
     compared = ", ".join(f"{number} of {name}" for name, number in run.compared.items())
-    click.echo(f"{run.rounds} rounds, all posted messages as recorded: {compared or 'none'}")
+    echo(f"{run.rounds} rounds, all posted messages as recorded: {compared or 'none'}")
     if unknown := [name for name in posted if name not in run.compared]:
-        click.echo(f"not compared, as they are not topics there: {', '.join(unknown)}", err=True)
+        echo(f"not compared, as they are not topics there: {', '.join(unknown)}", err=True)
 
 
 def _members(resolved: ResolvedPlan) -> Iterator[Member]:
@@ -245,7 +246,7 @@ def rerun(
         number, lost = number + again.events, lost or again.lost
     for journal in recording.journals:
         if not journal.whole:
-            click.echo(f"not rerun: {why_not(journal)}", err=True)
+            echo(f"not rerun: {why_not(journal)}", err=True)
     until = ", up to the first that the recorder lost" if lost else ""
     which = "" if compare == "all" else f" of {compare}"
-    click.echo(f"all {number} events and messages{which} are as recorded{until}")
+    echo(f"all {number} events and messages{which} are as recorded{until}")

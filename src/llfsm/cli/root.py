@@ -18,7 +18,7 @@ from typing import Any
 import click
 
 from llfsm.cli import VERSION
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, printable
 
 
 class LazyGroup(click.Group):
@@ -119,13 +119,17 @@ class _Root(LazyGroup):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except click.ClickException as error:
+            error.message = printable(error.message)  # type: ignore[misc]  # it is final
+            raise
         except Exception as error:
             if ctx.params["debug"]:
                 raise
             if isinstance(error, LlfsmError):
-                raise click.ClickException(str(error)) from error
+                raise click.ClickException(printable(str(error))) from error
             if isinstance(error, OSError) and error.filename is not None:
-                raise click.ClickException(f"{error.filename}: {error.strerror}") from error
+                text = printable(f"{error.filename}: {error.strerror}")
+                raise click.ClickException(text) from error
             raise
 
 

@@ -7,6 +7,7 @@ from contextlib import closing
 import click
 
 from llfsm.bridges.ros2.opening import loopback, open_router
+from llfsm.cli.echo import echo
 from llfsm.cli.options import end_with_input, until_eof_option
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 
@@ -34,5 +35,5 @@ def router(listen: tuple[str, ...]) -> None:
     endpoints = listen or loopback()
     with stop_on_signals(lambda _: asked.make()), closing(open_router(endpoints)):
         end_with_input()
-        click.echo(f"router: listening on {', '.join(endpoints)}")
+        echo(f"router: listening on {', '.join(endpoints)}")
         asked.wait()

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import click
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.runtime.bundles import Bundle, Fragment, read_bundle
 from llfsm.runtime.bundles.cpp import without_comments
@@ -43,7 +44,7 @@ def show(machine: str) -> None:
         else _of_bundle(read_bundle(folder))
     )
     for line in lines:
-        click.echo(line)
+        echo(line)
 
 
 def _of_bundle(bundle: Bundle) -> Iterator[str]:

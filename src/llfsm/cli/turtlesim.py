@@ -18,6 +18,7 @@ from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.cli.console import ignore_interrupts, log_to_console, stop_for_good
+from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
     board_option,
@@ -101,7 +102,7 @@ def turtlesim(
     ignore_interrupts()
     if picture is not None:
         for path in draw_field(simulator, picture):
-            click.echo(f"drawn: {path}", err=True)
+            echo(f"drawn: {path}", err=True)
 
 
 def draw_field(simulator: Simulator, picture: Path) -> tuple[Path, ...]:

@@ -19,6 +19,7 @@ import click
 import msgspec
 from msgspec.structs import replace
 
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.cli.options import Integer, Number, file_option
 from llfsm.errors import LlfsmError, did_you_mean
@@ -214,9 +215,9 @@ def verify(
         undecided = any(verdict.holds is None for verdict in verdicts)
         ended = _why(subject.wanted, space) if undecided else ""
         if as_json:
-            click.echo(msgspec.json.encode(as_data(space, verdicts, subject, ended)).decode())
+            echo(msgspec.json.encode(as_data(space, verdicts, subject, ended)).decode())
         else:
-            click.echo(as_text(space, verdicts, subject, ended, full=full))
+            echo(as_text(space, verdicts, subject, ended, full=full))
         violated = [verdict for verdict in verdicts if verdict.holds is False]
         _write(subject, space, violated, recording, tests)
         for file in exports:
@@ -308,7 +309,7 @@ def _write(
         shown = "no run shows that a state is not reachable" if violated else "nothing is violated"
         for file in (recording, tests):
             if file is not None:
-                click.echo(f"{file}: not written, as {shown}", err=True)
+                echo(f"{file}: not written, as {shown}", err=True)
         return
     if recording is not None:
         from llfsm.bridges.recording.recorders import record_script
@@ -323,7 +324,7 @@ def _write(
             unload_accepting=space.unload_accepting,
             on_error=space.on_error,
         )
-        click.echo(f"{recording}: recorded how {first.property} is violated", err=True)
+        echo(f"{recording}: recorded how {first.property} is violated", err=True)
     if tests is not None:
         where = {each.property: each.where for each in subject.named}
         folder = None if tests == _STDOUT else tests.absolute().parent
@@ -332,10 +333,10 @@ def _write(
             for each, witness in ways
         )
         if tests == _STDOUT:
-            click.echo(text, nl=False)
+            click.echo(text, nl=False)  # a file
         else:
             tests.write_text(text, encoding="utf-8")
-            click.echo(f"{tests}: fails under pytest until the machines are mended", err=True)
+            echo(f"{tests}: fails under pytest until the machines are mended", err=True)
 
 
 # The machines, and the properties to decide

@@ -27,6 +27,7 @@ import click
 
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.cli.console import log_to_console
+from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
@@ -89,7 +90,7 @@ def serve(
     for number in (signal.SIGINT, signal.SIGTERM):  # the server replaces these while it runs
         signal.signal(number, end)
     address = page_address(host, listener.getsockname()[1], token)
-    click.echo(f"{what} at {address}")
+    echo(f"{what} at {address}")
     with ExitStack() as stack:
         if open_page and any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
             stack.enter_context(_opened(address))

@@ -14,6 +14,7 @@ import click
 import msgspec
 
 from llfsm.cli.console import log_to_console
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace, Integer, board_option, directory_option, file_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.errors import ConfigurationError
@@ -58,12 +59,12 @@ def list_(board: str | None, named: str | None, directory: str) -> None:
             poller.poll()
             for slot in poller.slots.values():
                 status = f"cannot be read: {slot.problem}" if slot.problem else _age(slot.sample)
-                click.echo(f"{slot.name}  {slot.info.type_name}  {status}")
+                echo(f"{slot.name}  {slot.info.type_name}  {status}")
             for name, commanders in contested_slots(wb).items():
-                click.echo(described(name, commanders))
+                echo(described(name, commanders))
         return
     for found in boards(directory):
-        click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
+        echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
 
 
 @click.command()
@@ -75,7 +76,7 @@ def get(slot: str, board: BoardPlace) -> None:
         message = wb.get_message(_find(wb, slot))
         if message is None:
             raise click.ClickException(f"nothing was added to {slot!r} yet")
-        click.echo(_json(message))
+        echo(_json(message))
 
 
 @click.command()
@@ -96,7 +97,7 @@ def add(slot: str, message: str, kind: str | None, board: BoardPlace) -> None:
         except SlotNotFoundError as error:
             raise click.ClickException(f"{error}; a new slot needs --type") from error
         count = wb.add_message(target, parse_message(target, message))
-        click.echo(f"message {count} of {slot}")
+        echo(f"message {count} of {slot}")
 
 
 @click.command()
@@ -111,7 +112,7 @@ def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> Non
     with board.open(create=False) as wb:
         try:
             for number, (name, sample) in enumerate(_changes(wb, slots), 1):
-                click.echo(f"{name} {sample.count} {_json(sample.message)}")
+                echo(f"{name} {sample.count} {_json(sample.message)}")
                 if number == changes:
                     return
         except KeyboardInterrupt:
@@ -130,7 +131,7 @@ def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Samp
                 yield slot.name, slot.sample
             elif slot.name not in unreadable:
                 unreadable.add(slot.name)
-                click.echo(f"{slot.name} cannot be read: {slot.problem}", err=True)
+                echo(f"{slot.name} cannot be read: {slot.problem}", err=True)
         time.sleep(_POLL_S)
 
 
@@ -220,7 +221,7 @@ def daemon(board: BoardPlace, config: Path | None, **flags: object) -> None:
         with stop_on_signals(lambda _: mirror.stop()):
             where = ", ".join(mirror.listens) or "nowhere"
             stack.enter_context(GuardThread(*board))
-            click.echo(f"mirroring {board.name}, listening on {where}")
+            echo(f"mirroring {board.name}, listening on {where}")
             publish, summarize = status_publisher(wb), summary_publisher(wb)
 
             def report(status: MirrorStatus) -> None:
@@ -267,7 +268,7 @@ def _located(error: NetworkError, config: Path | None, flags: dict[str, object])
 def status(board: BoardPlace, as_json: bool) -> None:
     """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals."""
     latest = read_status(board)
-    click.echo(json.dumps(to_plain(latest)) if as_json else f"{board.name}: {latest.text()}")
+    echo(json.dumps(to_plain(latest)) if as_json else f"{board.name}: {latest.text()}")
 
 
 def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, make_plan
 from llfsm.bridges.ros2.ros_arguments import RosArguments
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans import line_of, read_toml
@@ -73,7 +74,7 @@ class Configured(NamedTuple):
             more = f" (and {len(findings.faults) - 1} more)" if len(findings.faults) > 1 else ""
             raise BadConfigurationError(findings.faults[0] + more)
         for line in (*findings.warnings, *findings.notes):
-            click.echo(line, err=True)
+            echo(line, err=True)
         return plan
 
     def examine(

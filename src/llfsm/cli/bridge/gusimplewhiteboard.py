@@ -21,6 +21,7 @@ from llfsm.bridges.gusimplewhiteboard.relay import (
     run,
 )
 from llfsm.cli.console import log_to_console
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace, Integer, Number, directory_option
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
@@ -103,13 +104,13 @@ def _relay(config: RelayConfiguration, place: BoardPlace) -> None:
             Relay(foreign, configured.number, board, *configured.resolve(), configured.direction)
             for configured in config.relays
         ]
-        click.echo(f"{config.file} <-> {board.name}: {len(relays)} relayed", err=True)
+        echo(f"{config.file} <-> {board.name}: {len(relays)} relayed", err=True)
         try:
             with stop_on_signals(lambda _: asked.make()):
                 run(foreign, relays, lambda: asked.wait(period_s), lambda: board.alive)
         finally:
             for relay in relays:
-                click.echo(
+                echo(
                     f"{relay}: {relay.relayed_in} in, {relay.relayed_out} out, "
                     f"{relay.refused} refused",
                     err=True,

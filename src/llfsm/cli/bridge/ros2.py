@@ -22,8 +22,10 @@ from llfsm.bridges.ros2.errors import DomainIdError, RosArgumentError
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
 from llfsm.cli.console import ending_once, log_to_console, stop_for_good
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace, board_option, end_with_input, file_option
 from llfsm.cli.ros_options import BridgeOptions, RosCommand, bridge_options, ros_arguments
+from llfsm.errors import printable
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
@@ -127,11 +129,11 @@ def check(file: Path, board: BoardPlace) -> None:
     """
     _, findings = Configured.read(file).examine(slots_on(board))
     for line in (*findings.faults, *findings.warnings, *findings.notes):
-        click.echo(line)
+        echo(line)
     if findings.faults:
         sys.exit(2)
     if not findings.warnings:
-        click.echo("no findings")
+        echo("no findings")
 
 
 _FRAME_S = 0.25
@@ -197,7 +199,7 @@ def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> No
 
 def _print(counts: Counts) -> None:
     for count in counts.read():
-        click.echo(str(count))
+        echo(str(count))
 
 
 def _table(counts: Counts) -> Table:
@@ -212,7 +214,7 @@ def _table(counts: Counts) -> Table:
         age = "" if link.age is None else f"{link.age:.1f} s"
         failed = str(link.failed) if link.failed else ""
         numbers = (str(link.passed), f"{rate:.1f}", age, failed)
-        table.add_row(link.slot, link.arrow, link.name, link.type_name, *numbers)
+        table.add_row(*map(printable, (link.slot, link.arrow, link.name, link.type_name)), *numbers)
     return table
 
 
@@ -254,7 +256,7 @@ def _run(
         end_with_input()
         stop_for_good(asked.make)
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
-        click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
+        echo(f"bridge: {plan.node.full_node} in {where}", err=True)
         _stay(bridge, board, asked, options.quiet)
         bridge.linger()
 

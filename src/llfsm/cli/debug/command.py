@@ -27,7 +27,7 @@ from llfsm.cli.options import (
     trust_option,
 )
 from llfsm.cli.run.world import recorded
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, printable
 
 if TYPE_CHECKING:
     from llfsm.cli.debug.prompt import AskedPrompt
@@ -143,7 +143,7 @@ def _enter(console: Console, prompt: _Prompt) -> None:
     try:
         _print(console, prompt.do(input("llfsm> ")))
     except LlfsmError as error:
-        console.print(f"{error}", style="red")
+        console.print(printable(str(error)), style="red")
     except EOFError:
         console.print()
         _print(console, prompt.do("quit"))
@@ -154,7 +154,7 @@ def _enter(console: Console, prompt: _Prompt) -> None:
 
 def _print(console: Console, lines: Iterable[str]) -> None:
     for line in lines:
-        console.print(line)
+        console.print(printable(line))
 
 
 @contextmanager

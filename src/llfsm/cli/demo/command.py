@@ -18,6 +18,7 @@ import click
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.cli.demo.parts import Processes, ProcessStatus, Threads
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
+from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
     Number,
@@ -131,7 +132,7 @@ def demo(
     if draws:
         endings = [""] if target.suffix else [".png", ".svg"]
         for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
-            click.echo(f"the turtle's path: {path}")
+            echo(f"the turtle's path: {path}")
 
 
 def _run(shown: _Shown, board: BoardPlace, record: Path | None, graph: RosGraph | None) -> None:
@@ -210,7 +211,7 @@ def _clear(board: BoardPlace) -> None:
         if board.name not in there:
             return
         if not there[board.name]:
-            click.echo(f"removing the whiteboard {board.name!r} that an earlier run left", err=True)
+            echo(f"removing the whiteboard {board.name!r} that an earlier run left", err=True)
             with suppress(BoardNotFoundError):  # its last process has just removed it
                 remove_board(*board)
             return
@@ -294,18 +295,18 @@ def show(
                 live.update(shown, refresh=True)
                 parts.wait(_FRAME_S)
         return
-    click.echo(title)
+    echo(title)
     printed: dict[str, str] = {}
     while time.monotonic() < until:
         for report in _reports(parts):
-            click.echo(timed(report))
+            echo(timed(report))
         watched = watcher()
         pose = watched.pose()
         where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         states = {machine.name: machine.state for machine in watched.machines()}
         for machine, state in states.items():
             if printed.get(machine) != state:
-                click.echo(timed(f"{machine}: {state}{where}"))
+                echo(timed(f"{machine}: {state}{where}"))
         printed = states
         parts.wait(_FRAME_S / 2)
 

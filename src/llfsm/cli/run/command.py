@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from llfsm.cli import VERSION
 from llfsm.cli.console import log_machines
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
@@ -213,7 +214,7 @@ def run(
             execute = partial(run_machines, arrangement, timed=reports.timed)
         if not quiet:
             names = ", ".join(resolved.classes)
-            click.echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
+            echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
         end_with_input()
         if nonstop:
             run_nonstop(execute, arrangement.stop)

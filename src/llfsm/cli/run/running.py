@@ -25,6 +25,7 @@ from typing import NamedTuple, NoReturn
 import click
 
 from llfsm.cli.console import SIGNALS, ending_once
+from llfsm.cli.echo import echo
 from llfsm.cli.machines import ResolvedPlan
 from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger
@@ -61,7 +62,7 @@ class StateReport:
             seconds = (event.time_ns - self._begin_ns) / 1e9
             time = f"{seconds:10.6f} " if self._with_times else ""
             change = f"m{event.index:3d} s{number:3d} - {path}{event.machine:<20.20}"
-            click.echo(f"{time}{change} - {event.state}", err=True)
+            echo(f"{time}{change} - {event.state}", err=True)
 
 
 class SuspensionReport:
@@ -78,7 +79,7 @@ class SuspensionReport:
             state = self._arrangement.state_name_of(due.machine)
             if state != due.state or due.request == Request.RESTART:
                 request = str(due.request).title()
-                click.echo(f"{request} {due.index}: {due.state} -> {state}", err=True)
+                echo(f"{request} {due.index}: {due.state} -> {state}", err=True)
         if isinstance(event, Turn) and event.request is not None:
             self._due = event
 
@@ -190,7 +191,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
             found = arrangement.statistics()
             if found:
                 texts = (timing_table(found), conditions(found), latency_drawing(found))
-                click.echo("\n".join(filter(None, texts)), err=True)
+                echo("\n".join(filter(None, texts)), err=True)
     if arrangement.reason is Reason.FAILED:
         failed = ", ".join(arrangement.roster.failed)
         raise click.ClickException(
@@ -276,7 +277,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
             sys.exit(0 if -status in (0, *_SIGNALS) else 1)
         os.close(pipe)
         how = f"was killed by {signal.Signals(-status).name}" if status < 0 else "failed"
-        click.echo(f"the arrangement {how}; it starts again", err=True)
+        echo(f"the arrangement {how}; it starts again", err=True)
         until = time.monotonic() + _PAUSE_S
         while time.monotonic() < until and not asked:
             time.sleep(_LOOK_S)
@@ -300,7 +301,7 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
         if click.get_current_context().find_root().params["debug"]:
             traceback.print_exc()
         else:
-            click.echo(f"Error: {error}", err=True)
+            echo(f"Error: {error}", err=True)
     except SystemExit as error:
         status = error.code if isinstance(error.code, int) else int(error.code is not None)
     finally:

@@ -32,6 +32,7 @@ from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.cli.bridge.configured import Configured, slots_on
 from llfsm.cli.console import ignore_interrupts, stop_for_good
+from llfsm.cli.echo import echo
 from llfsm.cli.options import BoardPlace
 from llfsm.cli.ros_options import GraphOptions, ros_arguments
 from llfsm.runtime.engine.arrangement import Arrangement
@@ -250,7 +251,7 @@ def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
     ):
         equip(node, TypeLibrary(), NodeParameters(), timer.call_soon, clock.set_ns)
         if not clock.wait_set(_LOOK_S):
-            click.echo("waiting for a time on /clock", err=True)
+            echo("waiting for a time on /clock", err=True)
             with _ending_as_a_run() as asked:
                 while not (clock.wait_set(_LOOK_S) or asked.is_made()):
                     pass
