@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from llfsm.bridges.turtlesim.node import TurtlesimNode
@@ -86,3 +90,32 @@ def test_without_the_turtle_the_answer_is_a_failure() -> None:
     board.add_message(REQUEST, TurtlePositionRequest(1))
     node.step()
     assert "turtle1" in board.get_message(ANSWER).failure
+
+
+@pytest.mark.parametrize("slot", [cmd_vel("turtle1"), REQUEST], ids=lambda slot: slot.name)
+def test_what_is_no_message_is_logged_once_and_ignored(
+    tmp_path: Path, slot: Slot[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    """As a program with an encoder of its own might write it."""
+    shm = pytest.importorskip("llfsm.whiteboard._shm", reason="the extension is hidden")
+    with Whiteboard("board", directory=tmp_path) as board:
+        node = TurtlesimNode(Simulator(), board)
+        node.step()
+
+        def junk(_: Any, buffer: bytearray) -> None:
+            buffer[:] = b"\xc1"
+
+        core = shm.Board(str(tmp_path / "llfsm.board"), True)
+        schema = json.dumps(slot.schema, separators=(",", ":"))
+        kind = slot.name, slot.type_name, schema, slot.fingerprint, slot.capacity, slot.type
+        port = shm.Port(core, *kind, (), junk, lambda _: slot.type())
+        for _ in range(3):
+            port.add(slot.type(number=1) if slot is REQUEST else slot.type())
+            node.step()
+        assert len(caplog.records) == 1
+        assert slot.name in caplog.text
+        board.add_message(cmd_vel("turtle1"), AHEAD)
+        board.add_message(REQUEST, TurtlePositionRequest(number=7))
+        node.step()
+        assert board.get_message(pose("turtle1")).x > 5.55
+        assert board.get_message(ANSWER).number == 7
