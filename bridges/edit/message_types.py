@@ -37,7 +37,10 @@ def message_class_text(schema: Schema) -> str:
     A field has a default where 0, or nothing, is one of its values.
     """
     classes = _Classes()
-    classes.add(schema)
+    try:
+        classes.add(schema)
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
+        raise ValueError(f"this schema describes no messages: {error!r}") from error
     return "\n\n\n".join([classes.imports(), *classes.texts.values()]) + "\n"
 
 

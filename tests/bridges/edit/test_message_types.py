@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from llfsm.bridges.edit.message_types import offered, ros_class
+from llfsm.bridges.edit.message_types import message_class_text, offered, ros_class
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.message_text import shipped_types
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.llfsm import BELL, Bell
 
@@ -84,3 +89,26 @@ def test_a_stranger_learns_no_slots(bundle: Path, query: str) -> None:
         assert len(server.get("/offered?token=secret").json()["types"]) > 100
     finally:
         server.end()
+
+
+SCHEMAS = [Slot("any", each).schema for each in shipped_types()]
+ODD = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(max_size=5) | st.just("tensor"),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+@given(st.data())
+def test_a_schema_of_another_program_is_a_class_or_a_value_error(data: st.DataObject) -> None:
+    schema = json.loads(json.dumps(data.draw(st.sampled_from(SCHEMAS))))
+    for _ in range(data.draw(st.integers(1, 3))):
+        part = schema
+        while isinstance(part, dict) and part:
+            key = data.draw(st.sampled_from(sorted(part)))
+            if not isinstance(part[key], dict) or data.draw(st.booleans()):
+                part[key] = data.draw(ODD)
+                break
+            part = part[key]
+    with suppress(ValueError):
+        compile(message_class_text(schema), "made", "exec")
