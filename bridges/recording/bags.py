@@ -19,9 +19,11 @@ import re
 import shutil
 import weakref
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, TypeAlias
+from urllib.parse import quote
 
 from mcap.records import Channel, Schema
 from mcap.records import Message as McapMessage
@@ -190,9 +192,32 @@ def _has_compressed(metadata: str, what: str) -> bool:
 _Item: TypeAlias = tuple[Channel, Schema | None] | MessageRecord
 
 
+def _check_databases(path: Path) -> None:
+    """Refuse databases whose messages are computed, or not all in the file itself."""
+    import sqlite3
+
+    for file in [path] if path.suffix == ".db3" else sorted(path.glob("*.db3")):
+        log = file.with_name(f"{file.name}-wal")
+        if log.exists() and log.stat().st_size:
+            raise RecordingFileError(
+                f"{file}: was not closed, messages are in {log.name}; put them into it: "
+                f"sqlite3 {file} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            )
+        try:
+            with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as rows:
+                columns = rows.execute("PRAGMA table_xinfo(messages)").fetchall()
+        except sqlite3.Error as error:
+            raise RecordingFileError(f"{file}: cannot be read as a bag: {error}") from error
+        if any(hidden for *_, hidden in columns):
+            raise RecordingFileError(
+                f"{file}: cannot be read as a bag: its table of messages has computed columns"
+            )
+
+
 def _by_rosbags(path: Path) -> Iterator[_Item]:
     from rosbags.rosbag2 import Reader
 
+    _check_databases(path)
     types = TypeLibrary()
     try:
         with Reader(path) as bag:

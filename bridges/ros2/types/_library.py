@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Generic, cast
+from typing import Any, Generic, NamedTuple, cast
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
 from llfsm.bridges.ros2.types._cdr import compile_decoder, compile_encoder
@@ -21,7 +21,7 @@ from llfsm.bridges.ros2.types._hashing import describe as describe_type
 from llfsm.bridges.ros2.types._hashing import rihs01
 from llfsm.bridges.ros2.types._layout import RecordType
 from llfsm.bridges.ros2.types._search_path import SearchPath
-from llfsm.bridges.ros2.types.definition import Definition, TypeSource
+from llfsm.bridges.ros2.types.definition import Definition, Shape, TypeSource
 from llfsm.bridges.ros2.types.message_classes import make_class, shipped_class
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.message import M
@@ -113,6 +113,19 @@ class RosAction:
     feedback_message: RosMessage[Any]
 
 
+_DEEPEST = 64
+"""Messages in messages; those of ROS have five."""
+_MOST_FIELDS, _MOST_VALUES = 20_000, 1_000_000
+"""Of a type with all types inside; the largest of ROS's common packages have some hundred."""
+_BYTES = 16  # that weigh as much as a value
+
+
+class _TypeSize(NamedTuple):
+    fields: int
+    values: int
+    """Of a message that nobody filled in."""
+
+
 class TypeLibrary:
     """Finds ROS types by name, and makes their classes and codecs.
 
@@ -127,6 +140,7 @@ class TypeLibrary:
         self._places = SearchPath(share, texts)
         self._classes: dict[str, type[Message]] = {}
         self._making: list[str] = []
+        self._sizes: dict[str, _TypeSize] = {}
         self._messages: dict[type[Message], RosMessage[Any]] = {}
         self._services: dict[str, RosService] = {}
         self._actions: dict[str, RosAction] = {}
@@ -220,11 +234,32 @@ class TypeLibrary:
                 raise UnknownTypeError(f"{self._making[-1]} has a field of type {error}") from None
             self._making.append(name)
             try:
+                self._measure(definition)
                 made = make_class(definition, self._class)
             finally:
                 self._making.pop()
             self._classes[name] = shipped_class(made, name) or made
         return self._classes[name]
+
+    def _measure(self, definition: Definition) -> None:
+        """Refuse a type, which may come from a bag or a peer, whose class would fill the memory."""
+        name, fields, values = definition.name, 0, 0
+        if len(self._making) > _DEEPEST:
+            raise DefinitionSyntaxError(f"{name}: messages in messages, more than {_DEEPEST} deep")
+        for field in definition.fields:
+            kind = field.type
+            if kind.nested:
+                self._class(kind.base)
+            inner = self._sizes[kind.base] if kind.nested else _TypeSize(1, 1)
+            count = kind.size if kind.shape is Shape.ARRAY else 1
+            fields += inner.fields
+            values += count * inner.values // (_BYTES if kind.is_bytes else 1)
+        if fields > _MOST_FIELDS or values > _MOST_VALUES:
+            raise DefinitionSyntaxError(
+                f"{name} is too large: it has {fields:,} fields (at most {_MOST_FIELDS:,}) and "
+                f"{values:,} values by default (at most {_MOST_VALUES:,}), with those inside"
+            )
+        self._sizes[name] = _TypeSize(fields, values)
 
     def _hash(self, name: str) -> str:
         if name not in self._hashes:

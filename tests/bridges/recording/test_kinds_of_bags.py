@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
+from contextlib import closing
 
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -160,3 +163,35 @@ def test_a_bag_in_sqlite_from_before_definitions_were_kept_is_read(tmp_path, cap
     recording = Recording(bag)
     assert points(recording) == EXPECTED
     assert "topic /odd is left out: own/msg/Odd: no definition" in caplog.text
+
+
+def test_a_bag_whose_messages_are_computed_is_refused(tmp_path):
+    """Sixteen kilobytes of it would be gigabytes of messages."""
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("drop table messages")
+        database.execute(
+            "create table messages(id integer primary key, topic_id integer not null, "
+            "timestamp integer not null, data blob generated always as (zeroblob(900000000)))"
+        )
+        database.execute("insert into messages(topic_id, timestamp) values(1, 1)")
+    for path in (bag, file):
+        with pytest.raises(RecordingFileError, match="computed columns"):
+            Recording(path)
+
+
+def test_a_bag_that_was_not_closed_is_no_empty_one(tmp_path):
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    script = (
+        "import os, sqlite3, sys; d = sqlite3.connect(sys.argv[1]);"
+        "d.execute('pragma journal_mode=wal');"
+        "d.execute('update messages set timestamp = timestamp + 1'); d.commit(); os._exit(0)"
+    )
+    subprocess.run([sys.executable, "-c", script, str(file)], check=True)
+    with pytest.raises(RecordingFileError, match="wal_checkpoint"):
+        Recording(bag)
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("pragma wal_checkpoint(truncate)")
+    assert len(points(Recording(bag))) == len(EXPECTED)

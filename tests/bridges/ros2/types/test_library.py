@@ -234,3 +234,32 @@ library.message("sensor_msgs/msg/Image")
 assert "rosbags" in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def bomb(levels: int, width: int) -> dict[str, str]:
+    """Define types of types, of which each has so many fields of the next."""
+    texts = {
+        f"T{n}": "".join(f"T{n + 1} f{each}\n" for each in range(width)) for n in range(levels)
+    }
+    return {**texts, f"T{levels}": "int32 x\n"}
+
+
+@pytest.mark.parametrize(
+    ("texts", "why"),
+    [
+        ({"T0": "int32[4000000000] x"}, "4,000,000,000 values"),
+        ({"T0": "uint8[4000000000] x"}, "250,000,000 values"),
+        ({"T0": "T1[2000] x", "T1": "float64[2000] x"}, "4,000,000 values"),
+        (bomb(10, 10), "100,000 fields"),
+        (bomb(400, 1), "more than 64 deep"),
+    ],
+)
+def test_a_type_that_would_fill_the_memory_is_refused(define, texts, why):
+    with pytest.raises(DefinitionSyntaxError, match=why):
+        define(**texts).message("own_msgs/msg/T0")
+
+
+def test_a_large_type_is_not():
+    library = TypeLibrary()
+    for name in library.message_names():
+        assert library.message(name).message() is not None
