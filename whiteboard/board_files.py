@@ -50,13 +50,14 @@ def version_log_path(board: Path) -> Path:
     return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
 
 
-def open_own(path: Path, flags: int = 0, mode: int = 0o600) -> int:
+def open_own(path: Path, flags: int = 0) -> int:
     """Open a file of this user, to read and write it; return its descriptor.
 
+    With ``O_CREAT`` it is made for this user alone.
     For files whose owner could put messages on a board. Raise ``OSError``, also for a link, and
     :class:`.BoardPermissionError` if it belongs to another user, or is another kind of file.
     """
-    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, mode)
+    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o600)
     status = os.fstat(file)
     if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
         os.close(file)

@@ -91,6 +91,7 @@ class Keeper:
             return
         try:
             self._lock(self._file)
+            os.fchmod(self._file, 0o600)
             if not os.path.samestat(os.fstat(self._file), os.stat(self._path)):
                 raise self._is_kept()  # another daemon has just replaced it
             self._slots = {kept.value.slot: kept for kept in self._read().slots}
@@ -179,9 +180,10 @@ class Keeper:
         """Write the file, and put it in place of the previous one."""
         packed = msgspec.msgpack.encode(_Content(self._board, tuple(self._slots.values())))
         new = self._path.with_name(f"{self._path.name}.new")
-        file = open_own(new, os.O_CREAT, 0o644)
+        file = open_own(new, os.O_CREAT)
         try:
             self._lock(file)
+            os.fchmod(file, 0o600)  # as the board's: it has the same messages
             os.truncate(file, 0)
             with open(file, "wb", closefd=False) as written:
                 written.write(_MAGIC + _checksum(packed) + packed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -192,6 +193,26 @@ def test_two_daemons_do_not_share_a_file(kept: Kept, tmp_path: Path) -> None:
         Kept(tmp_path).open()
     kept.close()
     Kept(tmp_path).open().close()
+
+
+def test_it_is_as_private_as_the_board(kept: Kept) -> None:
+    """Also one that an earlier version has made for all to read, or was left unfinished so."""
+    umask = os.umask(0o022)
+    try:
+        kept.write(added(Part(), 5))
+        kept.close()
+        assert stat.S_IMODE(kept.path.stat().st_mode) == 0o600
+        kept.path.chmod(0o644)
+        left = kept.path.parent / "depot.kept.new"
+        left.touch(0o644)
+        part, _ = kept.restored()
+        assert stat.S_IMODE(kept.path.stat().st_mode) == 0o600
+        left.touch(0o644)
+        part.now_ns += 1
+        kept.write(added(part, 6))
+        assert stat.S_IMODE(kept.path.stat().st_mode) == 0o600
+    finally:
+        os.umask(umask)
 
 
 def test_the_file_of_another_board_is_refused(kept: Kept) -> None:
