@@ -38,6 +38,7 @@ JOURNAL = ".llfsm-edit"
 _TEMPORARY = ".llfsm-edit.new"
 _ALONE = ("States", "Language", "SuspendState", "IncludePath", "Layout.plist")
 _LINK = "a symbolic link, which may lead anywhere: put the file in its place"
+_LOCKED_S = 1.0  # that another editor may take for a change
 _TICK_NS = 100_000_000  # a file changed since may change again without another time of its own
 _BY_NAME = os.open in os.supports_dir_fd  # not on Windows
 _SAFE = ("O_CLOEXEC", "O_NOFOLLOW", "O_BINARY")  # as far as the system has them
@@ -184,15 +185,30 @@ class BundleFolder:
                 return
             descriptor = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | _FLAGS)
             try:
-                import fcntl  # here, as Windows lacks it
-
-                with suppress(OSError):  # some file systems have no locks
-                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+                self._lock(descriptor)
                 yield _Opened(self.path, descriptor)
             finally:
                 os.close(descriptor)
         except OSError as error:
             raise BundleError(error.strerror or str(error), self.path) from error
+
+    def _lock(self, descriptor: int) -> None:
+        """Wait for other editors, which take a moment; raise `BundleError` for who keeps it."""
+        import fcntl  # here, as Windows lacks it
+
+        give_up_s = time.monotonic() + _LOCKED_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() > give_up_s:
+                    what = f"another program has locked it; see which: fuser {self.path}"
+                    raise BundleError(what, self.path) from None
+                time.sleep(_LOCKED_S / 50)
+            except OSError:  # some file systems have no locks
+                return
+            else:
+                return
 
     def _read(self, folder: _Opened, name: str) -> bytes | None:
         if folder.descriptor is None and (folder.path / name).is_symlink():

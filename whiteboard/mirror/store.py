@@ -254,7 +254,7 @@ class VersionLog:
 
 # The file: a head, and a record for each slot, of its name and two entries.
 _HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
-_NAME = struct.Struct("<H254s")
+_NAME = struct.Struct("<Bc254s")  # its length, its last byte if it has 255, and the others
 _FIELDS = struct.Struct("<QQQQ")  # count, writer, time, host
 _ENTRY = struct.Struct(f"<{_FIELDS.size}sQ")  # and their checksum
 _RECORD = _NAME.size + 2 * _ENTRY.size
@@ -308,11 +308,11 @@ class FileVersionLog(VersionLog):
         """Find the offset of each slot's record; None if the file is damaged."""
         records: dict[str, int] = {}
         for record in range(_START, _SIZE, _RECORD):
-            length, raw = _NAME.unpack_from(self._map, record)
+            length, last, raw = _NAME.unpack_from(self._map, record)
             if not length:
                 break
             try:
-                name = raw[:length].decode()
+                name = (raw + last)[:length].decode()
             except UnicodeDecodeError:
                 return None
             self._used += 1
@@ -344,7 +344,7 @@ class FileVersionLog(VersionLog):
             self._map[record : record + _RECORD] = bytes(_RECORD)
         self._records[slot] = record
         name = slot.encode()
-        _NAME.pack_into(self._map, record, len(name), name)
+        _NAME.pack_into(self._map, record, len(name), name[254:] or b"\0", name)
         return record
 
     def _reuse(self) -> int:

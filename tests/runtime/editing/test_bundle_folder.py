@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -221,3 +222,24 @@ def test_permissions_are_kept(confusing: Path) -> None:
 def test_there_is_no_folder(tmp_path: Path) -> None:
     with pytest.raises(BundleError, match="folder not found"):
         Document(tmp_path / "M.machine")
+
+
+def test_who_keeps_the_folder_locked_is_no_reason_to_wait_for_ever(confusing: Path) -> None:
+    """Anybody who may read it can lock it."""
+    fcntl = pytest.importorskip("fcntl", reason="Windows has none")
+    folder = os.open(confusing, os.O_RDONLY)
+    fcntl.flock(folder, fcntl.LOCK_EX)
+    with pytest.raises(BundleError, match="another program has locked it.*fuser"):
+        Document(confusing)
+    os.close(folder)
+    Document(confusing).apply(RENAME)
+
+
+def test_an_editor_waits_while_another_one_writes(confusing: Path) -> None:
+    fcntl = pytest.importorskip("fcntl", reason="Windows has none")
+    folder = os.open(confusing, os.O_RDONLY)
+    fcntl.flock(folder, fcntl.LOCK_EX)
+    writes = threading.Timer(0.2, os.close, [folder])
+    writes.start()
+    Document(confusing).apply(RENAME)
+    writes.join()

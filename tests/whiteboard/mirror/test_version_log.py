@@ -36,6 +36,21 @@ def test_a_version_is_recalled_by_number_and_writer(board: Path) -> None:
     journal.close()
 
 
+@pytest.mark.parametrize("ending", ["z", "zz", "é", "aé", "éa"])
+@pytest.mark.parametrize("length", [253, 254, 255])
+def test_a_name_of_any_length_is_whole(board: Path, ending: str, length: int) -> None:
+    """Also one of 255 bytes, as long as a board takes, whose last letter has two."""
+    name = "a" * (length - len(ending.encode())) + ending
+    journal = FileVersionLog(board)
+    journal.note(name, 1, 10, Version(100, 1))
+    host = journal.host
+    journal.close()
+    journal = FileVersionLog(board)
+    assert journal.host == host
+    assert journal.recall(name, 1, 10)[0] == Version(100, 1)
+    journal.close()
+
+
 def test_an_entry_that_was_half_written_is_none(board: Path) -> None:
     journal = FileVersionLog(board)
     journal.note("slot", 1, 10, Version(100, 1))
