@@ -52,10 +52,11 @@ _TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOT
 PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
 """The texts that a state can have, by which their files are called."""
 NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
-STATE_NAME = re.compile(rf"[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
+# Not __proto__ and its like, which mean something else in Python and in browsers.
+STATE_NAME = re.compile(rf"(?!__.*__\Z)[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
 NOT_FINAL = "NotFinal"
 """The part of a state that is there if a machine goes on in it, though it has no transitions."""
-NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}"
+NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}, and not __ at both ends"
 
 
 def read_bundle(folder: str | Path) -> Bundle:

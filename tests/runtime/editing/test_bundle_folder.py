@@ -229,7 +229,7 @@ def test_who_keeps_the_folder_locked_is_no_reason_to_wait_for_ever(confusing: Pa
     fcntl = pytest.importorskip("fcntl", reason="Windows has none")
     folder = os.open(confusing, os.O_RDONLY)
     fcntl.flock(folder, fcntl.LOCK_EX)
-    with pytest.raises(BundleError, match="another program has locked it.*fuser"):
+    with pytest.raises(BundleError, match=r"another program has locked it.*fuser"):
         Document(confusing)
     os.close(folder)
     Document(confusing).apply(RENAME)
