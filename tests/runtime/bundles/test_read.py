@@ -179,7 +179,7 @@ DAMAGES: list[tuple[Callable[[Path], object], str]] = [
     (lambda p: (p / "States").write_text("\n \n"), "States: it lists no states"),
     (lambda p: (p / "States").write_text("A\nB\nA"), "States:3: state 'A' is listed twice"),
     (lambda p: (p / "States").write_text("A\n2 B"), "States:2: '2 B' cannot name a state"),
-    (
+    (lambda p: (p / "States").write_text("A\n__proto__"), "States:2: .__proto__. cannot name"),
         lambda p: (p / "States").write_text("A\n__proto__"),
         "States:2: .__proto__. cannot name a state",
     ),
