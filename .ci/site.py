@@ -39,6 +39,7 @@ API = (
     "llfsm.runtime.editing",
     "llfsm.runtime.debugging",
     "llfsm.runtime.counterexamples",
+    "llfsm.runtime.verification.worlds",
     "llfsm.runtime.goals",
     "llfsm.bridges.recording.rerun",
     "llfsm.bridges.ros2.types",

@@ -168,7 +168,7 @@ def test_what_cannot_be_described_is_contained_too(caplog: pytest.LogCaptureFixt
 
 
 def test_a_failure_in_one_line_can_be_published_whatever_is_in_it():
-    assert one_line(ValueError("\udcff\x00\n bad")).encode() == b"\\udcff\x00 bad"
+    assert one_line(ValueError("\udcff\x00\n bad")).encode() == b"\\udcff\\x00 bad"
 
 
 def test_a_function_in_two_places_of_one_state_gives_both():
