@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
@@ -35,6 +36,25 @@ def test_get_prints_json(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("whiteboard", "get", "turtle1/cmd_vel", "-b", board)
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     assert json.loads(done.stdout) == {"linear": zero | {"x": 1.5}, "angular": zero}
+
+
+def test_json_for_programs_has_nothing_that_is_no_json(llfsm: Llfsm, board: str) -> None:
+    def none(text: str) -> None:
+        raise AssertionError(f"{text} is no JSON")
+
+    odd = Twist(Vector3(x=math.nan, y=math.inf, z=-math.inf))
+    with Whiteboard(board) as wb:
+        wb.add_message(CMD_VEL, odd)
+        expected = {
+            "linear": {"x": None, "y": None, "z": None},
+            "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+        }
+        got = llfsm.run("whiteboard", "get", CMD_VEL.name, "--json", "-b", board).stdout
+        assert json.loads(got, parse_constant=none) == expected
+        watched = llfsm.run("whiteboard", "watch", "--json", "-n", "1", "-b", board).stdout
+        row = {"slot": CMD_VEL.name, "count": 1, "message": expected}
+        assert json.loads(watched, parse_constant=none) == row
+    assert "NaN" in llfsm.run("whiteboard", "get", CMD_VEL.name, "-b", board).stdout
 
 
 def test_add_to_a_slot_of_another_process(llfsm: Llfsm, board: str) -> None:

@@ -203,6 +203,7 @@ def _text(ns: int) -> str:
     return f"{ns // 1_000_000_000 + 1e-9 * (ns % 1_000_000_000):.6f}"
 
 
+_JUMP_NS = 1_000_000_000  # back; two publishers of a frame are not so far apart
 _DEEPEST = 1000  # frames above another one; more is a loop
 
 
@@ -245,6 +246,17 @@ class TransformBuffer:
         if not frame.add(new):
             return self._ignore(child, "TF_OLD_DATA: its time is too far in the past")
         return True
+
+    def clear(self) -> None:
+        """Forget all transforms but static ones, as tf2 does when time jumps back."""
+        moving = [n for n, frame in self._frames.items() if isinstance(frame, FrameHistory)]
+        for name in moving:
+            del self._frames[name]
+
+    def newest_ns(self, child: str) -> int | None:
+        """Return the time of a moving frame's newest transform; None without one."""
+        frame = self._frames.get(child.removeprefix("/"))
+        return frame.latest.stamp_ns if isinstance(frame, FrameHistory) else None
 
     def lookup(self, target: str, source: str, at: Time = Time()) -> TransformStamped:  # noqa: B008 (immutable)
         """Find the transform that takes coordinates in `source` to coordinates in `target`.
@@ -396,7 +408,9 @@ class TransformListener:
     """Pulls the slots ``tf/FRAME`` and ``tf_static/FRAME`` of a board into a buffer.
 
     A slot holds the newest transform of its frame, so between two pulls the ones before are lost:
-    pull as often as you want to interpolate.
+    pull as often as you want to interpolate. When time jumps back, as with a bag in a loop or a
+    simulator that is reset, the buffer is cleared, which is logged: a transform of a frame is over
+    a second older than the one before it.
     """
 
     def __init__(self, board: Board, buffer: TransformBuffer) -> None:
@@ -414,4 +428,12 @@ class TransformListener:
             if name.startswith(("tf/", "tf_static/")):
                 message = self._board[Slot(name, TransformStamped)].get()
                 if message is not None:
-                    self._buffer.add(message, static=name.startswith("tf_static/"))
+                    is_static = name.startswith("tf_static/")
+                    if not is_static and self._is_back(message):
+                        _LOG.warning("Detected jump back in time. Clearing TF buffer.")
+                        self._buffer.clear()
+                    self._buffer.add(message, static=is_static)
+
+    def _is_back(self, message: TransformStamped) -> bool:
+        newest_ns = self._buffer.newest_ns(message.child_frame_id)
+        return newest_ns is not None and to_ns(message.header.stamp) < newest_ns - _JUMP_NS

@@ -67,16 +67,25 @@ def list_(board: str | None, named: str | None, directory: str) -> None:
         echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
 
 
+_as_json = click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print an object a line, for programs: NaN and infinities are null.",
+)
+
+
 @click.command()
 @click.argument("slot")
+@_as_json
 @board_option
-def get(slot: str, board: BoardPlace) -> None:
+def get(slot: str, as_json: bool, board: BoardPlace) -> None:
     """Print the latest message of SLOT as JSON."""
     with board.open(create=False) as wb:
         message = wb.get_message(_find(wb, slot))
         if message is None:
             raise click.ClickException(f"nothing was added to {slot!r} yet")
-        echo(_json(message))
+        echo(_strict_json(to_plain(message)) if as_json else _json(message))
 
 
 @click.command()
@@ -103,8 +112,9 @@ def add(slot: str, message: str, kind: str | None, board: BoardPlace) -> None:
 @click.command()
 @click.argument("slots", nargs=-1)
 @click.option("-n", "--changes", type=Integer(1), help="Stop after this many messages.")
+@_as_json
 @board_option
-def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> None:
+def watch(slots: tuple[str, ...], changes: int | None, as_json: bool, board: BoardPlace) -> None:
     """Print the messages of SLOTS (default: all) as they are added, until Ctrl-C.
 
     If a slot changes more often than 50 times a second, only its newest message is printed.
@@ -112,7 +122,11 @@ def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> Non
     with board.open(create=False) as wb:
         try:
             for number, (name, sample) in enumerate(_changes(wb, slots), 1):
-                echo(f"{name} {sample.count} {_json(sample.message)}")
+                if as_json:
+                    row = {"slot": name, "count": sample.count}
+                    echo(_strict_json(row | {"message": to_plain(sample.message)}))
+                else:
+                    echo(f"{name} {sample.count} {_json(sample.message)}")
                 if number == changes:
                     return
         except KeyboardInterrupt:
@@ -171,6 +185,11 @@ def _age(sample: Sample[Any] | None) -> str:
 
 def _json(message: Message) -> str:
     return json.dumps(to_plain(message), ensure_ascii=False)
+
+
+def _strict_json(value: object) -> str:
+    """Write JSON as other programs read it: without NaN and infinities, which become null."""
+    return msgspec.json.encode(value).decode()
 
 
 @click.command()
