@@ -5,10 +5,11 @@
 #include "llfsm_whiteboard.h"
 
 static PyTypeObject *board_type;
+static PyObject *as_type;      /* llfsm.whiteboard.message: (slot, class, message) */
 static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where, detail) */
 
 /* In addition to enum lwb_status. */
-enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5,
+enum { CLOSED = -1, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5,
        RETIRED = -6 };
 
 /* Raise the Python error for a status, unless one is set already because making `detail` failed.

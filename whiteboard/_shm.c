@@ -128,8 +128,13 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
 {
     if (!is_open(self->board, self->name))
         return NULL;
-    if (Py_TYPE(message) != self->type)
-        return fail(WRONG_TYPE, self->name, PyTuple_Pack(2, self->type, message));
+    if (Py_TYPE(message) != self->type) { /* another class of the same type, or an error */
+        PyObject *same = PyObject_CallFunction(as_type, "OOO", self->name, self->type, message);
+        bool made = same && Py_TYPE(same) == self->type;
+        PyObject *added = made ? port_put(self, same, after) : NULL;
+        Py_XDECREF(same);
+        return added;
+    }
     if (self->retired)
         return fail(RETIRED, self->name, NULL);
     /* Taken, not borrowed: the encoder may let another thread run, which then makes its own. */
@@ -388,6 +393,7 @@ PyMODINIT_FUNC PyInit__shm(void)
 {
     if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
         !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
+        !(as_type = look_up("llfsm.whiteboard.message", "as_type")) ||
         !(board_type = (PyTypeObject *)PyType_FromSpec(&board_spec)) ||
         !(port_type = (PyTypeObject *)PyType_FromSpec(&port_spec)) ||
         !(doze_type = (PyTypeObject *)PyType_FromSpec(&doze_spec)) || add_shared_methods())

@@ -237,8 +237,6 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
     ``number`` is the C ``errno``, and ``where`` the board's path or the slot's name.
     """
     match status, detail:
-        case -2, (type() as wanted, message):
-            raise wrong_type(str(where), wanted, message)
         case -3, (type() as kind, BaseException() as cause):
             raise wrong_field(str(where), kind, cause) from cause
         case -4, (type() as kind, BaseException() as cause, int(process), int(count)):

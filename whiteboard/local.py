@@ -22,9 +22,8 @@ from llfsm.whiteboard.errors import (
     SlotRetiredError,
     too_large,
     wrong_field,
-    wrong_type,
 )
-from llfsm.whiteboard.message import M
+from llfsm.whiteboard.message import M, as_type
 from llfsm.whiteboard.slots import Sample, Slot
 
 
@@ -82,7 +81,7 @@ class _LocalSlot(BoundSlot[M]):
         self._board.check_open()
         slot = self._slot
         if type(message) is not slot.type:
-            raise wrong_type(slot.name, slot.type, message)
+            message = as_type(slot.name, slot.type, message)
         if self._retired:
             raise SlotRetiredError(f"slot {slot.name!r}: this handle was retired and adds no more")
         try:  # as in shared memory, so that a test finds the same errors as a robot

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from functools import lru_cache
 from types import new_class
 from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform
 from weakref import WeakValueDictionary
 
 import msgspec
 
-from llfsm.whiteboard.errors import MessageTypeError
+from llfsm.whiteboard.errors import MessageTypeError, wrong_field, wrong_type
 from llfsm.whiteboard.schema import MADE_FROM, Schema, describe, excess, limits, summarize
 
 
@@ -87,6 +88,27 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
 
 
 M = TypeVar("M", bound=Message)
+
+
+def as_type(slot: str, wanted: type[M], message: object) -> M:
+    """Convert a message of another class of the same type: the same name and fields.
+
+    Several parts of a program may have a class of their own for a type, made from a definition of
+    ROS or from a schema. Raise :class:`.SlotTypeError` for a message of another type.
+    """
+    classes: tuple[Any, Any] = wanted, type(message)
+    if not _are_same(*classes):
+        raise wrong_type(slot, wanted, message)
+    try:
+        return msgspec.msgpack.decode(msgspec.msgpack.encode(message), type=wanted)
+    except (msgspec.MsgspecError, TypeError, ValueError, OverflowError) as error:
+        raise wrong_field(slot, wanted, error) from error
+
+
+@lru_cache(maxsize=64)
+def _are_same(wanted: Any, given: Any) -> bool:
+    return issubclass(given, Message) and describe(given) == describe(wanted)
+
 
 _in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()
 

@@ -20,8 +20,10 @@ from llfsm.whiteboard import (
     BoardClosedError,
     BoundSlot,
     Message,
+    MessageFieldError,
     Slot,
     SlotRetiredError,
+    SlotTypeError,
 )
 from waiting import PATIENCE_S
 
@@ -61,6 +63,31 @@ def test_a_slot_for_each_message_needs_no_memory(board: Board) -> None:
     assert board[Slot("robot/point", Point)] is board[POINT]
     use(50)
     assert growth_of(lambda: use(300)) < 150
+
+
+class SamePoint(Message, type_name="test/Point"):
+    """Another class of the same type, as one that is made from a definition."""
+
+    x: float = 0.0
+    y: float = 0.0
+
+
+class Other(Message, type_name="test/Other"):
+    x: float = 0.0
+    y: float = 0.0
+
+
+def test_a_message_of_another_class_of_the_type_is_one_of_the_slot(board: Board) -> None:
+    same = Slot("robot/point", SamePoint)
+    board.add_message(POINT, SamePoint(x=1.0))
+    assert board.get_message(POINT) == Point(x=1.0)
+    board.add_message(same, Point(x=2.0))
+    assert board.get_message(same) == SamePoint(x=2.0)
+    assert board[POINT].add_after(SamePoint(x=3.0), 2) == 3
+    for wrong in (Other(x=1.0), SamePoint(x="far"), 3):
+        with pytest.raises((SlotTypeError, MessageFieldError)):
+            board.add_message(POINT, wrong)
+    assert board[POINT].count == 3
 
 
 def test_reserving_adds_nothing(board: Board) -> None:
