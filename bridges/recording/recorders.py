@@ -332,7 +332,7 @@ def record(
 def record_script(
     file: Path,
     members: Iterable[Loading],
-    script: Sequence[Step],
+    script: Iterable[Step],
     *,
     plan: Any = None,
     folder: Path | None = None,
@@ -389,7 +389,7 @@ class _ScriptRecorder:
             if polled.slot is not None and polled.sample is not None:
                 self._writer.add(polled.slot, polled.sample, new=True)
 
-    def paced(self, script: Sequence[Step]) -> Iterator[Step]:
+    def paced(self, script: Iterable[Step]) -> Iterator[Step]:
         """Yield the steps, and record between them, so that nothing seems silent on a page."""
         most_ms = max(_BEAT_MS, sum(step.wait_ms for step in script) / _MOST_BEATS)
         for step in script:

@@ -17,6 +17,7 @@ from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reader import RecordedMessage, RecordedSlot, Recording
 from llfsm.runtime import Clock, ManualClock, MonotonicClock
 from llfsm.runtime.journal.entries import Journal, entries_of
+from llfsm.runtime.log import logger
 from llfsm.runtime.testing.play import Loading, ScriptRun
 from llfsm.runtime.testing.scripted import Step
 from llfsm.whiteboard import Board, BoundSlot, Message, Slot
@@ -87,12 +88,14 @@ class BoardReplay:
         first_ns = self._begin_ns + round(from_s * 1e9)
         self._catch_up(first_ns)
         start_ns = clock.now_ns()
+        gaps = _Gaps(self._recording, first_ns)
         for slot, recorded in self._recording.messages(self._slots.keys(), first_ns):
-            due_ns = start_ns + round((recorded.seen_ns - first_ns) / speed)
+            due_ns = start_ns + round((gaps.without(recorded.seen_ns) - first_ns) / speed)
             if not _wait(clock, due_ns, is_over):
                 return
             self._post(slot, recorded)
-        _wait(clock, start_ns + round((self._end_ns - first_ns) / speed), is_over)
+        end_ns = gaps.without(self._end_ns)
+        _wait(clock, start_ns + round((end_ns - first_ns) / speed), is_over)
 
     def steps(self, *, from_s: float = 0.0) -> Iterator[ReplayStep]:
         """Post in steps, and yield each: the messages of a ringlet, or one outside of any."""
@@ -140,6 +143,43 @@ class BoardReplay:
         message = self._recording.message(slot, recorded)
         self._slots[name].add(message)
         return Posted(name, message)
+
+
+_LONGEST_GAP_NS = 600 * 1_000_000_000
+
+
+class _Gaps:
+    """Leave out what is beyond ten minutes of each time without a message, with a warning.
+
+    A bag's first message may have the stamp 0, if nobody had set a simulated clock by then, and the
+    next one that of today.
+    """
+
+    def __init__(self, recording: Recording, begin_ns: int):
+        self._path = recording.path
+        self._last_ns = begin_ns
+        self._left_out_ns = 0
+
+    def without(self, stamp_ns: int) -> int:
+        """Return a time, not before the last one, as it is without the gaps up to it."""
+        beyond_ns = stamp_ns - self._last_ns - _LONGEST_GAP_NS
+        if beyond_ns > 0:
+            self._left_out_ns += beyond_ns
+            logger().warning(
+                "%s: nothing in %s; 10 minutes of it are played",
+                self._path,
+                _duration_text(stamp_ns - self._last_ns),
+            )
+        self._last_ns = max(stamp_ns, self._last_ns)
+        return stamp_ns - self._left_out_ns
+
+
+def _duration_text(duration_ns: int) -> str:
+    seconds = duration_ns / 1e9
+    for unit, size in (("years", 31_557_600), ("days", 86_400), ("hours", 3600)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds / 60:.0f} minutes"
 
 
 def _wanted(name: str, patterns: Sequence[str]) -> bool:
@@ -194,47 +234,64 @@ class PostDifference(NamedTuple):
         return f"after {post.after_s:.3f} s {json.dumps(plain, ensure_ascii=False)}"
 
 
-def bag_script(
-    recording: Recording, reads: Mapping[str, Slot[Any]], *, idle_ms: float, period_ms: float | None
-) -> list[Step]:
-    """Make a script that posts a bag's messages to the slots `reads`, at their times.
+class BagScript:
+    """A script that posts a bag's messages to the slots `reads`, at their times.
 
     There are rounds at each message, and after `idle_ms` without one: one, and more at once while
     transitions fire. With `period_ms` single rounds are that far apart instead, and each sees the
-    newest message. Raise :class:`.RecordingFileError` for bytes that are no message,
-    :class:`.RecordingError` for a topic of another type than its slot, or if none of the slots is
-    a topic.
+    newest message. Of a time without messages, ten minutes are run at most. The bag is read anew,
+    message by message, each time that the script is gone through: then
+    :class:`.RecordingFileError` is raised for bytes that are no message.
+
+    Raise :class:`.RecordingError` for a topic of another type than its slot, or if none of the
+    slots is a topic.
     """
-    fed = [name for name in reads if name in recording.slots]
-    if reads and not fed:
-        raise RecordingError(
-            f"{recording.path}: the machines read {', '.join(reads)}, but its topics are "
-            f"{', '.join(recording.slots)}; --config says which slot a topic is"
-        )
-    for name in fed:
-        held = recording.slots[name].slot
-        if held.fingerprint != reads[name].fingerprint:
-            raise RecordingError(f"{recording.path}: {reads[name].clash(held.schema)}")
-    now_ns, end_ns = recording.span_ns
-    rest_ns = round((period_ms or idle_ms) * 1e6)
-    most_rounds = _MOST_ROUNDS if period_ms is None else 1
-    script: list[Step] = []
-    new: dict[Slot[Any], Any] = {}
-    for slot, recorded in recording.messages(fed):
-        while now_ns + rest_ns < recorded.seen_ns:
+
+    def __init__(
+        self,
+        recording: Recording,
+        reads: Mapping[str, Slot[Any]],
+        *,
+        idle_ms: float,
+        period_ms: float | None,
+    ):
+        self._recording = recording
+        self._reads = reads
+        self._fed = [name for name in reads if name in recording.slots]
+        if reads and not self._fed:
+            raise RecordingError(
+                f"{recording.path}: the machines read {', '.join(reads)}, but its topics are "
+                f"{', '.join(recording.slots)}; --config says which slot a topic is"
+            )
+        for name in self._fed:
+            held = recording.slots[name].slot
+            if held.fingerprint != reads[name].fingerprint:
+                raise RecordingError(f"{recording.path}: {reads[name].clash(held.schema)}")
+        self._rest_ns = round((period_ms or idle_ms) * 1e6)
+        self._is_paced = period_ms is not None
+
+    def __iter__(self) -> Iterator[Step]:
+        recording, rest_ns = self._recording, self._rest_ns
+        now_ns, end_ns = recording.span_ns
+        gaps = _Gaps(recording, now_ns)
+        most_rounds = 1 if self._is_paced else _MOST_ROUNDS
+        rest = Step(rest_ns / 1e6, most_rounds=most_rounds)
+        new: dict[Slot[Any], Any] = {}
+        for slot, recorded in recording.messages(self._fed):
+            due_ns = gaps.without(recorded.seen_ns)
+            while now_ns + rest_ns < due_ns:
+                now_ns += rest_ns
+                yield rest._replace(messages=new)
+                new = {}
+            new[self._reads[slot.slot.name]] = recording.message(slot, recorded)
+            if not self._is_paced:
+                yield Step((due_ns - now_ns) / 1e6, new, most_rounds=most_rounds)
+                new, now_ns = {}, due_ns
+        end_ns = gaps.without(end_ns)
+        while new or now_ns < end_ns:  # what is left of it, in which machines may still post
             now_ns += rest_ns
-            script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
+            yield rest._replace(messages=new)
             new = {}
-        new[reads[slot.slot.name]] = recording.message(slot, recorded)
-        if period_ms is None:
-            wait_ms = (recorded.seen_ns - now_ns) / 1e6
-            script.append(Step(wait_ms, new, most_rounds=most_rounds))
-            new, now_ns = {}, recorded.seen_ns
-    while new or now_ns < end_ns:  # what is left of it, in which machines may still post
-        now_ns += rest_ns
-        script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
-        new = {}
-    return script
 
 
 class BagRerun:

@@ -19,7 +19,7 @@ from llfsm.bridges.recording.bags import BagTopics
 from llfsm.bridges.recording.errors import RecordingError, RecordingFileError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.bridges.recording.recorders import record_script
-from llfsm.bridges.recording.replay import BagRerun, bag_script
+from llfsm.bridges.recording.replay import BagRerun, BagScript
 from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, whole_journals, why_not
 from llfsm.bridges.recording.reversing.client import Client, start_client
 from llfsm.bridges.recording.reversing.worker import Serve
@@ -165,7 +165,7 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
     members = list(_members(resolved))
     slots = [machine.slots for machine in plan.machines]
     read, posted = used_slots(zip(resolved.classes.values(), slots, strict=True))
-    script = bag_script(
+    script = BagScript(
         recording,
         {name: slot for name, slot in read.items() if name not in posted},
         idle_ms=plan.idle_us / 1e3 or 1.0,

@@ -8,12 +8,17 @@ import pytest
 from mcap_ros2.writer import Writer
 
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.replay import BagScript, BoardReplay
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled
+from llfsm.runtime import ManualClock
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.turtlesim import Pose
 
 from .conftest import entries_in
 
 TYPES = TypeLibrary()
+POSE = Slot("pose", Pose)
 MS = 1_000_000
 BEGIN_NS = 1_700_000_000_000_000_000
 POSES = (1.0, 2.0, 8.5, 8.5, 9.0, 3.0, 2.0)  # one in 25 ms
@@ -200,3 +205,39 @@ def test_what_cannot_be_run_is_reported(llfsm_here, bag: Path, arguments, status
     found, printed = llfsm_here("rerun", bag, *arguments)
     assert found == status, printed
     assert what in printed
+
+
+def bag_with_gap(file: Path, gap_ns: int) -> Recording:
+    """Write a message at 0, as of a simulated clock that nobody had set, and others later."""
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        name = "turtlesim/msg/Pose"
+        schema = writer.register_msgdef(name, bundled(TYPES.sources(name)))
+        zero = {"y": 0.0, "theta": 0.0, "linear_velocity": 0.0, "angular_velocity": 0.0}
+        for stamp_ns in (0, *(gap_ns + n * 50 * MS for n in range(5))):
+            writer.write_message("/pose", schema, {"x": 1.0, **zero}, stamp_ns, stamp_ns)
+        writer.finish()
+    return Recording(file)
+
+
+@pytest.mark.parametrize("gap_ns", [3600 * 1000 * MS, BEGIN_NS])
+@pytest.mark.parametrize("period_ms", [None, 500.0])
+def test_of_a_long_gap_ten_minutes_are_run(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, gap_ns: int, period_ms: float | None
+) -> None:
+    recording = bag_with_gap(tmp_path / "bag.mcap", gap_ns)
+    script = BagScript(recording, {"pose": POSE}, idle_ms=1000.0, period_ms=period_ms)
+    waits_ms = [step.wait_ms for step in script]
+    assert 600_000 <= sum(waits_ms) < 602_000
+    assert [step.wait_ms for step in script] == waits_ms  # it can be gone through again
+    assert sum(bool(step.messages) for step in script) >= 2
+    assert "nothing in" in caplog.text
+    assert "10 minutes of it are played" in caplog.text
+
+
+def test_a_replay_waits_for_no_longer_gap(tmp_path: Path) -> None:
+    recording, board = bag_with_gap(tmp_path / "bag.mcap", BEGIN_NS), Whiteboard.local()
+    clock = ManualClock()
+    BoardReplay(recording, board).play(lambda: False, clock=clock)
+    assert board[POSE].count == 6
+    assert 600 <= clock.now_ns() / 1e9 < 602
