@@ -8,6 +8,7 @@ whose class they cannot import; :func:`type_from_schema` makes one from the slot
 from __future__ import annotations
 
 import re
+import sys
 from contextlib import suppress
 from functools import lru_cache
 from types import new_class
@@ -72,6 +73,9 @@ def _is_untyped(cls: type, name: str) -> bool:
         return False
 
 
+_in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()  # by their schemas
+
+
 class Message(msgspec.Struct, metaclass=_MessageMeta):
     """A message on a whiteboard; subclass it and annotate the fields.
 
@@ -84,7 +88,33 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
         class Twist(Message, type_name="geometry_msgs/msg/Twist"):
             linear: Vector3 = Vector3()
             angular: Vector3 = Vector3()
+
+    Messages can be pickled, also those of a class that was made from a definition or a schema:
+    where that class is not known, they are of one that is made from its schema.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Give what pickle needs: what msgspec has, or the schema of a class without a module."""
+        kind: Any = type(self)
+        if _is_importable(kind):
+            return msgspec.Struct.__reduce__(self)  # type: ignore[return-value]
+        text = msgspec.json.encode(describe(kind))
+        _in_use.setdefault(text, kind)
+        return _unpickled, (text, msgspec.msgpack.encode(self))
+
+
+@lru_cache(maxsize=256)
+def _is_importable(kind: Any) -> bool:
+    found: Any = sys.modules.get(kind.__module__)
+    for name in kind.__qualname__.split("."):
+        found = getattr(found, name, None)
+    return found is kind
+
+
+def _unpickled(schema: bytes, data: bytes) -> Message:
+    """Make a message of a class that only the process that has pickled it knew."""
+    kind = _in_use.get(schema) or type_from_schema(msgspec.json.decode(schema))
+    return msgspec.msgpack.decode(data, type=kind)
 
 
 M = TypeVar("M", bound=Message)
@@ -108,9 +138,6 @@ def as_type(slot: str, wanted: type[M], message: object) -> M:
 @lru_cache(maxsize=64)
 def _are_same(wanted: Any, given: Any) -> bool:
     return issubclass(given, Message) and describe(given) == describe(wanted)
-
-
-_in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()
 
 
 def type_from_schema(schema: Schema) -> type[Message]:

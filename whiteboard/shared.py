@@ -85,6 +85,10 @@ class Whiteboard(Board):
         require_shared_memory()
         self._core = _shm.Board(str(self.path), create)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Open the same board where this one is unpickled, as in a process of `multiprocessing`."""
+        return partial(Whiteboard, directory=str(self.path.parent), create=False), (self.name,)
+
     @staticmethod
     def local(name: str = "local") -> LocalBoard:
         """Make a new, empty board for this process only, with the same interface."""
