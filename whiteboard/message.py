@@ -120,6 +120,40 @@ def _unpickled(schema: bytes, data: bytes) -> Message:
 M = TypeVar("M", bound=Message)
 
 
+def from_buffer(value: object) -> object:
+    """Make what a field holds of an array: of numpy, `array` or anything else with a buffer.
+
+    One of bytes becomes bytes, any other the sequence of its numbers, row by row, and one without a
+    dimension, as a number of numpy, its number. Raise ``TypeError`` for any other object.
+    """
+    try:
+        view = memoryview(value)  # type: ignore[arg-type]
+    except TypeError:
+        what = f"Encoding objects of type {type(value).__name__} is unsupported"
+        raise TypeError(what) from None
+    with view:
+        if view.itemsize == 1 and view.format in ("B", "c") and view.shape:
+            return view.tobytes()
+        try:
+            if not view.shape:
+                return view.tolist()
+            return memoryview(view.tobytes()).cast(view.format).tolist()  # type: ignore[call-overload]
+        except (NotImplementedError, ValueError):
+            what = f"an array of format {view.format!r} has no numbers of this machine"
+            raise TypeError(what) from None
+
+
+_encode = msgspec.msgpack.Encoder(enc_hook=from_buffer).encode
+
+
+def plain(message: M) -> M:
+    """Return a message whose fields hold what they are declared as: tuples, bytes, numbers.
+
+    Raise what msgspec raises for a value of another type.
+    """
+    return msgspec.msgpack.decode(_encode(message), type=type(message))
+
+
 def as_type(slot: str, wanted: type[M], message: object) -> M:
     """Convert a message of another class of the same type: the same name and fields.
 
@@ -130,7 +164,7 @@ def as_type(slot: str, wanted: type[M], message: object) -> M:
     if not _are_same(*classes):
         raise wrong_type(slot, wanted, message)
     try:
-        return msgspec.msgpack.decode(msgspec.msgpack.encode(message), type=wanted)
+        return msgspec.msgpack.decode(_encode(message), type=wanted)
     except (msgspec.MsgspecError, TypeError, ValueError, OverflowError) as error:
         raise wrong_field(slot, wanted, error) from error
 

@@ -9,7 +9,7 @@ from typing import Any, Generic, NamedTuple
 import msgspec
 
 from llfsm.whiteboard.errors import MessageTypeError, SlotNameError, SlotTypeError
-from llfsm.whiteboard.message import M, Message
+from llfsm.whiteboard.message import M, Message, from_buffer
 from llfsm.whiteboard.schema import Schema, describe, differences, fingerprint
 
 DEFAULT_CAPACITY = 1024
@@ -74,7 +74,7 @@ class Slot(Generic[M]):
     @cached_property
     def encoder(self) -> msgspec.msgpack.Encoder:
         """The encoder of the slot's messages, to MessagePack."""
-        return msgspec.msgpack.Encoder()
+        return msgspec.msgpack.Encoder(enc_hook=from_buffer)
 
     @cached_property
     def decoder(self) -> msgspec.msgpack.Decoder[M]:

@@ -69,17 +69,18 @@ class GeneratedFunction:
 
 
 def compile_encoder(
-    record: RecordType, explain: Callable[[Any, Exception], Any]
+    record: RecordType, otherwise: Callable[[Any, Exception], bytes]
 ) -> Callable[[Any], bytes]:
     """Compile the function that encodes a message, header included.
 
-    ``explain`` makes the error to raise of a message and the exception of its encoding.
+    ``otherwise`` encodes one that is not as its class declares it, or raises, of that message and
+    the exception of its encoding.
     """
     values = KeyError, TypeError, AttributeError, OverflowError, UnicodeError
     names: dict[str, Any] = {
         **vars(primitives),
         **{f"write_{row.name}": row.write for row in PRIMITIVES.values() if row.write},
-        "explain": explain,
+        "otherwise": otherwise,
         "Failed": (error, *values, primitives.UnwritableError),
     }
     code = _EncodingFunction(names, {}, [], At(8, 0))
@@ -99,7 +100,7 @@ def compile_encoder(
         *(f"  {line}" for line in code.lines),
         f"  return {result}",
         " except Failed as error:",
-        "  raise explain(m, error) from None",
+        "  return otherwise(m, error)",
     ]
     exec("\n".join(lines), names)
     encode: Callable[[Any], bytes] = names["encode"]

@@ -24,7 +24,7 @@ from llfsm.bridges.ros2.types._search_path import SearchPath
 from llfsm.bridges.ros2.types.definition import Definition, Shape, TypeSource
 from llfsm.bridges.ros2.types.message_classes import make_class, shipped_class
 from llfsm.whiteboard import Message
-from llfsm.whiteboard.message import M
+from llfsm.whiteboard.message import M, plain
 from llfsm.whiteboard.schema import describe, differences
 
 
@@ -51,14 +51,30 @@ class RosMessage(Generic[M]):
     def encode(self) -> Callable[[M], bytes]:
         """Turns a message into bytes: CDR, little-endian, header included.
 
-        A float32 is rounded to the nearest; NaN and infinities are kept.
+        A float32 is rounded to the nearest; NaN and infinities are kept. Lists, arrays of numpy and
+        other buffers are taken for sequences.
         """
-        record = self._record
-        return compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
+
+        def otherwise(message: M, error: Exception) -> bytes:
+            problem = why_unwritable(self._record, message, error)
+            try:
+                made = plain(message)
+            except (TypeError, ValueError, OverflowError):  # of msgspec
+                raise problem from None
+            return self._encode_plain(made)
+
+        return compile_encoder(self._record, otherwise)
+
+    @cached_property
+    def _encode_plain(self) -> Callable[[M], bytes]:
+        def refuse(message: M, error: Exception) -> bytes:
+            raise why_unwritable(self._record, message, error) from None
+
+        return compile_encoder(self._record, refuse)
 
     @cached_property
     def decode(self) -> Callable[[bytes | memoryview], M]:
-        """Turns bytes of either order into a message; up to three of padding may follow."""
+        """Turns bytes of either order into a message; what follows it is left alone."""
         decode = compile_decoder(self._record, "<", lambda d: self._big_endian(d), self._explain)
         return cast("Callable[[bytes | memoryview], M]", decode)
 

@@ -3,10 +3,12 @@
 import math
 import struct
 import tracemalloc
+from array import array
 
 import pytest
 
 from llfsm.bridges.ros2.errors import CdrError
+from llfsm.whiteboard import MessageFieldError, Slot, Whiteboard
 
 LITTLE, BIG = bytes.fromhex("00010000"), bytes.fromhex("00000000")
 
@@ -226,7 +228,6 @@ def test_a_length_beyond_the_data_allocates_nothing(thing, text, header):
         ("string<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
         ("wstring<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
         ("string[] a", "abc", "a: tuple is needed, not str"),
-        ("int32[] a", [1], "a: tuple is needed, not list"),
         ("int32[] a", (1, 2**31), "a[1]: 2147483648 is not of type int32"),
         ("float32[] a", (1e300,), "a[0]: 1e+300 is not of type float32"),
         ("int32[2] a", (1,), "a: 1 values, exactly 2 are needed"),
@@ -258,3 +259,53 @@ def test_a_keyword_is_a_field_with_an_underscore(thing):
     kind = thing("float32 from\nbool class\nstring lambda")
     message = kind.message(from_=2.0, class_=True, lambda_="x")
     assert kind.decode(kind.encode(message)) == message
+
+
+@pytest.mark.parametrize(
+    ("field", "given", "held"),
+    [
+        ("int32[] a", [1, 2], (1, 2)),
+        ("float64[] a", array("d", [1.5, 2.5]), (1.5, 2.5)),
+        ("float32[2] a", array("f", [1.5, 2.5]), (1.5, 2.5)),
+        ("int16[] a", array("h", range(6)), (*range(6),)),
+        ("uint8[] a", bytearray(b"abc"), b"abc"),
+        ("uint8[3] a", memoryview(b"abc"), b"abc"),
+        ("uint8[] a", array("B", b"abc"), b"abc"),
+        ("string[] a", ["x", "y"], ("x", "y")),
+    ],
+)
+def test_sequences_and_buffers_are_taken_for_what_a_field_holds(define, field, given, held):
+    kind = define(Thing=field).message("own_msgs/msg/Thing")
+    message = kind.message(a=given)
+    assert kind.decode(kind.encode(message)) == kind.message(a=held)
+    board, slot = Whiteboard.local(), Slot("thing", kind.message)
+    board.add_message(slot, message)
+    assert board.get_message(slot) == kind.message(a=held)
+
+
+def test_so_are_those_of_messages_inside(define):
+    types = define(Thing="Inner[] a", Inner="float32[] b")
+    inner = types.message("own_msgs/msg/Inner").message
+    kind = types.message("own_msgs/msg/Thing")
+    message = kind.message(a=[inner(b=[1.0]), inner(b=array("f", [2.0]))])
+    expected = kind.message(a=(inner(b=(1.0,)), inner(b=(2.0,))))
+    assert kind.decode(kind.encode(message)) == expected
+
+
+@pytest.mark.parametrize(
+    ("field", "given"),
+    [
+        ("int32[] a", object()),
+        ("int32[] a", array("d", [0.5])),
+        ("uint8[] a", array("h", [1])),
+        ("int32[2] a", [1]),
+        ("string[] a", [1]),
+        ("int8[] a", array("h", [1000])),
+    ],
+)
+def test_others_are_refused_as_before(define, field, given):
+    kind = define(Thing=field).message("own_msgs/msg/Thing")
+    with pytest.raises(CdrError, match=r"a: |a\[0\]: "):
+        kind.encode(kind.message(a=given))
+    with pytest.raises(MessageFieldError):
+        Whiteboard.local().add_message(Slot("thing", kind.message), kind.message(a=given))
