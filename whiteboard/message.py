@@ -7,6 +7,7 @@ whose class they cannot import; :func:`type_from_schema` makes one from the slot
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from contextlib import suppress
@@ -74,6 +75,7 @@ def _is_untyped(cls: type, name: str) -> bool:
 
 
 _in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()  # by their schemas
+_pickled: WeakValueDictionary[tuple[int, int], type[Message]] = WeakValueDictionary()
 
 
 class Message(msgspec.Struct, metaclass=_MessageMeta):
@@ -98,9 +100,10 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
         kind: Any = type(self)
         if _is_importable(kind):
             return msgspec.Struct.__reduce__(self)  # type: ignore[return-value]
+        of = os.getpid(), id(kind)
+        _pickled[of] = kind
         text = msgspec.json.encode(describe(kind))
-        _in_use.setdefault(text, kind)
-        return _unpickled, (text, msgspec.msgpack.encode(self))
+        return _unpickled, (of, text, msgspec.msgpack.encode(self))
 
 
 @lru_cache(maxsize=256)
@@ -111,9 +114,9 @@ def _is_importable(kind: Any) -> bool:
     return found is kind
 
 
-def _unpickled(schema: bytes, data: bytes) -> Message:
-    """Make a message of a class that only the process that has pickled it knew."""
-    kind = _in_use.get(schema) or type_from_schema(msgspec.json.decode(schema))
+def _unpickled(of: tuple[int, int], schema: bytes, data: bytes) -> Message:
+    """Make a message of a class that only the process that has pickled it knows."""
+    kind = _pickled.get(of) or type_from_schema(msgspec.json.decode(schema))
     return msgspec.msgpack.decode(data, type=kind)
 
 
