@@ -74,6 +74,10 @@ class LoadOptions(TypedDict, total=False):
     path: str | None
 
 
+BOARD_GONE = "the whiteboard was closed or removed"
+"""The cause of a stop where the board of the machines is not there any more."""
+
+
 class Loader:
     """Put machines into seats; names are looked up in the `library`.
 
@@ -445,7 +449,7 @@ class Kernel(Rotation[Seat]):
     def look_at_world(self) -> None:
         """Stop if the environment does not exist any more."""
         if not self.environment.alive:
-            self.stop("the whiteboard was closed or removed")
+            self.stop(BOARD_GONE)
 
     def pause(self, is_over: Callable[[], bool]) -> None:
         """Give no turn until `is_over`, which may wait, the end or a stop; obey requests."""

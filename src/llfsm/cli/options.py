@@ -213,6 +213,16 @@ def given_option(*names: str) -> str | None:
     return None
 
 
+class BoardRemovedError(click.ClickException):
+    """The whiteboard of a command has been removed while it ran."""
+
+    def __init__(self, name: str):
+        super().__init__(
+            f"the whiteboard {name!r} was removed. If nobody did, a login session has ended: "
+            f"RemoveIPC=no in /etc/systemd/logind.conf keeps boards"
+        )
+
+
 def end_with_input() -> None:
     """With ``--until-eof``, send this process SIGTERM when its standard input is closed.
 

@@ -21,6 +21,7 @@ from llfsm.cli.console import ignore_interrupts, log_to_console, stop_for_good
 from llfsm.cli.echo import echo
 from llfsm.cli.options import (
     BoardPlace,
+    BoardRemovedError,
     board_option,
     end_with_input,
     given_option,
@@ -120,6 +121,8 @@ def _run_on_board(
     with place.open() as board:
         try:
             run(TurtlesimNode(simulator, board).step, lambda: is_over() or not board.alive)
+            if not board.alive and not is_over():
+                raise BoardRemovedError(board.name)
         finally:
             if remove:
                 board.remove()

@@ -23,7 +23,13 @@ from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
 from llfsm.cli.console import ending_once, log_to_console, stop_for_good
 from llfsm.cli.echo import echo
-from llfsm.cli.options import BoardPlace, board_option, end_with_input, file_option
+from llfsm.cli.options import (
+    BoardPlace,
+    BoardRemovedError,
+    board_option,
+    end_with_input,
+    file_option,
+)
 from llfsm.cli.ros_options import BridgeOptions, RosCommand, bridge_options, ros_arguments
 from llfsm.errors import printable
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
@@ -259,6 +265,8 @@ def _run(
         echo(f"bridge: {plan.node.full_node} in {where}", err=True)
         _stay(bridge, board, asked, options.quiet)
         bridge.linger()
+        if not board.alive and not asked.is_made():
+            raise BoardRemovedError(board.name)
 
 
 def _stay(bridge: Bridge, board: Whiteboard, asked: StopRequest, quiet: bool) -> None:

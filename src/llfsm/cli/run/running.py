@@ -27,12 +27,14 @@ import click
 from llfsm.cli.console import SIGNALS, ending_once
 from llfsm.cli.echo import echo
 from llfsm.cli.machines import ResolvedPlan
+from llfsm.cli.options import BoardRemovedError
 from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger
 from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import Event, Reason, Request, Turn
+from llfsm.runtime.engine.kernel import BOARD_GONE
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.watchdog import running_call
 
@@ -192,6 +194,9 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
             if found:
                 texts = (timing_table(found), conditions(found), latency_drawing(found))
                 echo("\n".join(filter(None, texts)), err=True)
+    board = arrangement.environment.whiteboard
+    if arrangement.stop_cause == BOARD_GONE and board is not None:
+        raise BoardRemovedError(board.name)
     if arrangement.reason is Reason.FAILED:
         failed = ", ".join(arrangement.roster.failed)
         raise click.ClickException(
@@ -230,6 +235,7 @@ def place_of_call(frame: FrameType) -> str:
 
 
 _PAUSE_S = 1.0  # as clfsm waits; a machine that crashes at once must not keep a core busy
+_FOR_GOOD = 75  # the status of a run after which there is none: its board is gone
 _LOOK_S = 0.02  # a signal need not interrupt a wait: Python resumes it, or another thread has it
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -273,7 +279,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
             time.sleep(_LOOK_S)
         status = os.waitstatus_to_exitcode(ended[1])
         child = 0
-        if asked or status == 0:
+        if asked or status in (0, _FOR_GOOD):
             sys.exit(0 if -status in (0, *_SIGNALS) else 1)
         os.close(pipe)
         how = f"was killed by {signal.Signals(-status).name}" if status < 0 else "failed"
@@ -297,6 +303,9 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
         status = 0
     except KeyboardInterrupt:
         status = 0
+    except BoardRemovedError as error:
+        echo(f"Error: {error.message}", err=True)
+        status = _FOR_GOOD
     except Exception as error:
         if click.get_current_context().find_root().params["debug"]:
             traceback.print_exc()
