@@ -37,7 +37,7 @@ def test_the_removal_is_an_error(
     assert f"Error: the whiteboard {board!r} was removed" in printed
     assert "RemoveIPC=no" in printed
     assert "starts again" not in printed
-    assert process.wait() == 1
+    assert process.wait() == 75
 
 
 def test_an_end_that_was_asked_for_is_none(llfsm: Llfsm, board: str) -> None:

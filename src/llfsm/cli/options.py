@@ -214,7 +214,9 @@ def given_option(*names: str) -> str | None:
 
 
 class BoardRemovedError(click.ClickException):
-    """The whiteboard of a command has been removed while it ran."""
+    """The whiteboard of a command has been removed while it ran: another run may find a new one."""
+
+    exit_code = 75  # EX_TEMPFAIL of <sysexits.h>
 
     def __init__(self, name: str):
         super().__init__(

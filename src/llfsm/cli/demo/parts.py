@@ -22,6 +22,7 @@ import click
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.cli.machines import parse_arguments
+from llfsm.cli.options import BoardRemovedError
 from llfsm.cli.view import VIEW_PORT, listen, make_server, page_address
 from llfsm.errors import LlfsmError
 from llfsm.runtime.presence.live import LiveEnvironment
@@ -92,7 +93,9 @@ class _Process:
 
     def has_failed_within(self, seconds: float) -> bool:
         assert self.ended is not None
-        return self.popen.returncode > 0 and self.ended - self.started < seconds
+        code = self.popen.returncode
+        fails = code > 0 and code != BoardRemovedError.exit_code
+        return fails and self.ended - self.started < seconds
 
     def death(self, then: str = "") -> str:
         """Describe how it ended, and `then`; if it exited by itself, with its last lines."""

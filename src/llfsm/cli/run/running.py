@@ -235,7 +235,6 @@ def place_of_call(frame: FrameType) -> str:
 
 
 _PAUSE_S = 1.0  # as clfsm waits; a machine that crashes at once must not keep a core busy
-_FOR_GOOD = 75  # the status of a run after which there is none: its board is gone
 _LOOK_S = 0.02  # a signal need not interrupt a wait: Python resumes it, or another thread has it
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -279,8 +278,8 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
             time.sleep(_LOOK_S)
         status = os.waitstatus_to_exitcode(ended[1])
         child = 0
-        if asked or status in (0, _FOR_GOOD):
-            sys.exit(0 if -status in (0, *_SIGNALS) else 1)
+        if asked or status in (0, BoardRemovedError.exit_code):
+            sys.exit(0 if -status in (0, *_SIGNALS) else max(status, 1))
         os.close(pipe)
         how = f"was killed by {signal.Signals(-status).name}" if status < 0 else "failed"
         echo(f"the arrangement {how}; it starts again", err=True)
@@ -305,7 +304,7 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
         status = 0
     except BoardRemovedError as error:
         echo(f"Error: {error.message}", err=True)
-        status = _FOR_GOOD
+        status = error.exit_code
     except Exception as error:
         if click.get_current_context().find_root().params["debug"]:
             traceback.print_exc()
