@@ -136,8 +136,8 @@ def test_c_drives_the_simulated_turtle(build: Callable[[str], Path], name: str) 
             x = float(printer.stdout.readline().split()[0])
             assert time.monotonic() < until
         board.remove()
-        for process in (turtlesim, driver):
-            assert process.wait(PATIENCE_S) == 0
+        assert turtlesim.wait(PATIENCE_S) == 75  # the board is gone
+        assert driver.wait(PATIENCE_S) == 0
         printer.stdout.read()
         assert printer.wait(PATIENCE_S) == 0
 

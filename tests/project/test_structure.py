@@ -45,6 +45,7 @@ WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the 
     "EvaluationError": "debugging: an expression has no value, and is shown without",
     "UnwritableError": "ros2: compiled code raises what diagnosis finds",
     "BadConfigurationError": "cli: click prints it",
+    "BoardRemovedError": "cli: click prints it",
 }
 
 
