@@ -33,11 +33,12 @@ from llfsm.runtime.engine.errors import (
     VariableError,
 )
 from llfsm.runtime.engine.events import Event, Observer, Reason, Request, Status, Trace
-from llfsm.runtime.engine.machine import Machine, Submachine, define
+from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import KEEP, Actuator, Sensor
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
 from llfsm.runtime.engine.state import State, Transition
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
+from llfsm.runtime.engine.submachine import Submachine, Submachines
 from llfsm.runtime.engine.table import REQUIRED, Table, Variable
 from llfsm.runtime.presence.live import LiveEnvironment
 
@@ -85,6 +86,7 @@ __all__ = [
     "State",
     "Status",
     "Submachine",
+    "Submachines",
     "Table",
     "TimeSlot",
     "Timetable",

@@ -12,7 +12,7 @@ typedef struct {
     union {
         struct { /* of a seat */
             PyObject *machine, *request, *sensors, *current, *previous, *source, *suspension,
-                *notifies, *now, *entered_ns, *meter, *timed, *failure, *hang;
+                *notifies, *now, *entered_ns, *meter, *timed, *failure, *hang, *inner, *children;
         };
         struct { /* of a state of a loaded machine */
             PyObject *on_entry, *on_exit, *internal, *on_suspend, *on_resume, *transitions;
@@ -23,7 +23,7 @@ typedef struct {
         struct { /* of a meter */
             PyObject *costs, *jitters;
         };
-        PyObject *fields[14];
+        PyObject *fields[16];
     };
     union {
         const struct ringlet *running; /* in a seat; NULL if none is */
@@ -44,7 +44,8 @@ typedef struct {
 static PyMemberDef seat_fields[] = {
     FIELD(machine), FIELD(request),    FIELD(sensors),  FIELD(current), FIELD(previous),
     FIELD(source),  FIELD(suspension), FIELD(notifies), FIELD(now),     FIELD(entered_ns),
-    FIELD(meter),   FIELD(timed),      FIELD(failure),  FIELD(hang),    {NULL, 0, 0, 0, NULL}};
+    FIELD(meter),   FIELD(timed),      FIELD(failure),  FIELD(hang),    FIELD(inner),
+    FIELD(children), {NULL, 0, 0, 0, NULL}};
 
 static PyMemberDef state_fields[] = {
     FIELD(on_entry),   FIELD(on_exit),   FIELD(internal),

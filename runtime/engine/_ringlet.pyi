@@ -28,6 +28,8 @@ class SeatFields:
     timed: BoundState | None
     failure: Failure | None
     hang: str
+    inner: bool
+    children: list[Seat | None]
 
 @final
 class Histogram:

@@ -8,7 +8,30 @@ static bool is_accepting(PyObject *seat)
     return state && is_one_of(&states, state) && PyTuple_Size(state->transitions) == 0;
 }
 
-/* Give a machine its turn, and leave to Python what comes of it. */
+static bool give_turn(Record *self, PyObject *seat, bool *any);
+
+/* Give what a machine's state runs their turns; some may leave on the way. */
+static bool give_children_turns(Record *self, PyObject *seat, bool *any)
+{
+    const Record *outer = is_one_of(&seats, seat) ? (Record *)seat : NULL;
+    if (!outer || !outer->children || !PyList_Size(outer->children))
+        return !PyErr_Occurred();
+    if (Py_EnterRecursiveCall(" in the turns of what a state runs"))
+        return false;
+    PyObject *children = Py_NewRef(outer->children);
+    bool done = true;
+    for (Py_ssize_t i = 0; done && i < PyList_Size(children); i++) {
+        PyObject *child = Py_NewRef(PyList_GetItem(children, i));
+        done = child == Py_None || give_turn(self, child, any);
+        Py_DECREF(child);
+    }
+    Py_LeaveRecursiveCall();
+    Py_DECREF(children);
+    return done;
+}
+
+/* Give a machine its turn and then, depth first, what its state runs. What comes of it is left to
+ * Python. */
 static bool give_turn(Record *self, PyObject *seat, bool *any)
 {
     PyObject *rotation = (PyObject *)self;
@@ -26,7 +49,13 @@ static bool give_turn(Record *self, PyObject *seat, bool *any)
     }
     if (done && self->_leaving && PyList_Size(self->_leaving))
         done = is_done(PyObject_CallMethod(rotation, "_let_go", NULL));
-    return done;
+    return done && give_children_turns(self, seat, any);
+}
+
+/* Check that a machine has its turns behind those of the one whose state runs it. */
+static bool is_inner(PyObject *seat)
+{
+    return is_one_of(&seats, seat) && ((Record *)seat)->inner == Py_True;
 }
 
 static PyObject *give_turns(PyObject *self, PyObject *turns)
@@ -34,7 +63,7 @@ static PyObject *give_turns(PyObject *self, PyObject *turns)
     PyObject *iterator = PyObject_GetIter(turns), *seat;
     bool any = false, done = iterator;
     while (done && (seat = PyIter_Next(iterator))) {
-        done = seat == Py_None || give_turn((Record *)self, seat, &any);
+        done = seat == Py_None || is_inner(seat) || give_turn((Record *)self, seat, &any);
         Py_DECREF(seat);
     }
     Py_XDECREF(iterator);

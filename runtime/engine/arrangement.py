@@ -20,9 +20,10 @@ from llfsm.runtime.engine.kernel import (
     LoadOptions,
     OnError,
 )
-from llfsm.runtime.engine.machine import Machine, Submachine
+from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.realtime import check_real_time, stop_on_signals
 from llfsm.runtime.engine.schedule import Timetable
+from llfsm.runtime.engine.submachine import Submachine
 from llfsm.runtime.engine.watchdog import stop_by_signal
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from functools import partial
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, Unpack
 
+from llfsm.runtime.engine.binding import bind
 from llfsm.runtime.engine.environment import Attendant, Environment
 from llfsm.runtime.engine.errors import (
     ArrangementEndedError,
@@ -37,16 +38,18 @@ from llfsm.runtime.engine.events import (
     RoundEnd,
     Status,
 )
-from llfsm.runtime.engine.machine import Machine, Submachine
+from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.realtime import Critical
 from llfsm.runtime.engine.ringlet import Rotation, defined_ringlet, ringlet
 from llfsm.runtime.engine.roster import Roster
 from llfsm.runtime.engine.schedule import Pacer, Timetable
-from llfsm.runtime.engine.seat import Failure, Instrument, Seat, bind, observed_ringlet
+from llfsm.runtime.engine.seat import Failure, Instrument, Seat, observed_ringlet
 from llfsm.runtime.engine.statistics import Stopwatch
+from llfsm.runtime.engine.submachine import Submachine
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.state import Runs
     from llfsm.whiteboard import Message, Slot
 
 M = TypeVar("M", bound=Machine)
@@ -106,43 +109,48 @@ class Loader:
         Of a class that was reloaded, load the latest. Raise `LoadError` or `UnknownMachineError`.
         """
         machine = self._make(loadable, variables)
-        cls, kernel, roster = type(machine), self._kernel, self._kernel.roster
-        path = path or cls.table.path
-        name = roster.free_name(name or cls.__name__)
-        timetable = kernel.timetable
-        if timetable is not None and name not in timetable.machines:
-            raise LoadError(
-                f"{name} has no slot in the timetable; it has slots for: "
-                f"{', '.join(timetable.machines)}; add a [[machine]] for it to the "
-                f"arrangement file, with preload = true and a period_us"
-            )
-        index = roster.free_index(path)
-        seat = Seat(machine, self._control, index, name, path, slots or {}, variables or {})
-        seat.connect(kernel.environment)
-        seat.claim(kernel.environment)
-        machine._seat = seat
+        path = path or type(machine).table.path
+        name = self._kernel.roster.free_name(name or type(machine).__name__)
+        if self._kernel.timetable is not None:
+            self._kernel.timetable.check_has(name)
+        return self.put(Seat(machine, self._control, name, path, slots or {}, variables or {}))
+
+    def begin(self, outer: Seat, runs: Runs) -> Seat:
+        """Load what a state of the machine in `outer` runs, to have its turns behind it.
+
+        It is called as in "Outer/Inner". Where slots have other names for the outer machine, they
+        have for the inner one.
+        """
+        made = runs if isinstance(runs, str | type) else runs(outer.machine)
+        machine = self._make(made, None)
+        name = f"{outer.name}/{type(machine).__name__}"
+        path = f"{outer.path}/{type(machine).table.path}"
+        seat = Seat(machine, self._control, name, path, outer.renamed, {})
+        seat.inner = seat.called = True
+        seat.caller, seat.stopping = outer, outer.stopping
+        return self.put(seat)
+
+    def put(self, seat: Seat) -> Seat:
+        """Give a seat its place and name, connect it, and return it."""
+        kernel, roster, cls = self._kernel, self._kernel.roster, type(seat.machine)
+        seat.take(roster.free_index(seat.path), roster.free_name(seat.name))
         self.classes[cls.__name__] = cls
         kernel.bind(seat)
         roster.add(seat)
-        machine.stopping = kernel.stop_is_seen  # last, as any thread may stop all
-        kernel.environment.loaded(name, path)
+        # Last, as any thread may stop all.
+        seat.machine.stopping = seat.stopping or kernel.stop_is_seen
+        kernel.environment.loaded(seat.name, seat.path)
         return seat
 
     def reload(self, seat: Seat, cls: type[Machine]) -> None:
         """Give a seat to another definition of its machine; raise as `Control.reload`."""
-        kernel, sensors = self._kernel, type(seat.machine).table.sensors
-        held = [seat.slot_of(sensors[each]) for each in seat.overridden]
         machine = cls(**seat.variables)
         seat.reload(machine)
-        machine._seat = seat
         self.classes[cls.__name__] = self._reloaded[cls.table.path] = cls
-        for slot in held:  # nobody knows whether the override still makes sense
-            kernel.environment.release(seat.name, slot)
-            seat.read_again(slot.name)
-        kernel.bind(seat)
-        machine.stopping = seat.stopping or kernel.stop_is_seen
+        self._kernel.bind(seat)
+        machine.stopping = seat.stopping or self._kernel.stop_is_seen
 
-    def _make(self, machine: Loadable, variables: Mapping[str, Any] | None) -> Machine:
+    def _make(self, machine: Any, variables: Mapping[str, Any] | None) -> Machine:
         made: object = self._look_up(machine) if isinstance(machine, str) else machine
         if isinstance(made, type) and issubclass(made, Machine):
             made = self._reloaded.get(made.table.path, made)
@@ -344,8 +352,7 @@ class Kernel(Rotation[Seat]):
         first_round = seat.first_round
         if caller is not None:
             self._outer.append(caller)
-        # A ringlet sees one snapshot, also if another one of the same machine is nested in it.
-        snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, *_ in seat.sensors]
+        snapshot = seat.snapshot()  # one for a ringlet, also if another one is nested in it
         seat.request = None
         seat.nested += 1
         seat.suspend()
@@ -384,6 +391,8 @@ class Kernel(Rotation[Seat]):
 
     def _accept(self, seat: Seat) -> None:
         """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
+        if seat.nest.waits:
+            return
         if seat.suspended:
             action = "kept: suspended"
         elif self.unload_accepting and seat.request in (Request.SUSPEND, Request.RESTART):
@@ -402,7 +411,7 @@ class Kernel(Rotation[Seat]):
             seat.fail(Failure(error, self.environment.clock.now_ns()))
         if self.instrument is not None:
             self.instrument.failed(seat, error)
-        if self.on_error == "stop":
+        if self.on_error == "stop" and not seat.inner:  # else its outer machine decides
             self.end(Reason.FAILED)
             raise error
         logger().error("%s", error, exc_info=error)
@@ -528,9 +537,10 @@ class Control:
         It ends when its caller leaves the state that it is in, unless it is `detached`.
         """
         seat = self.loader.load(machine, **how)
+        seat.called, seat.caller = True, caller
         if caller is not None and not detached:
             caller.add_call(seat)
-        return Submachine(seat, caller)
+        return Submachine(seat)
 
     def reload(self, name: str, cls: type[Machine]) -> None:
         """Replace a machine by `cls`, another definition of it, and restart it; between two turns.
@@ -586,7 +596,7 @@ class Control:
         self.kernel.environment.requested("stop_machine", name)
         seat = self.roster.find(name)
         if not seat.stopping:
-            seat.stopping = seat.machine.stopping = True
+            seat.ask_to_stop()
             self._stopped.append((self.kernel.environment.clock.now_ns(), seat))
             self.kernel.environment.wake()
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from types import new_class
-from typing import TYPE_CHECKING, Any, Generic, NoReturn, TypeVar, Unpack, cast, dataclass_transform
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, Unpack, cast, dataclass_transform
 
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.errors import DefinitionError, NotLoadedError, VariableError
 from llfsm.runtime.engine.events import Call, Status
 from llfsm.runtime.engine.state import ClassBody, State
-from llfsm.runtime.engine.table import REQUIRED, Polled, Table, make_table
+from llfsm.runtime.engine.submachine import Submachine
+from llfsm.runtime.engine.table import REQUIRED, Table, make_table
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Loadable, LoadOptions
@@ -320,48 +321,3 @@ def _called_by(machine: Loadable) -> str:
     if isinstance(machine, str):
         return machine
     return machine.__name__ if isinstance(machine, type) else type(machine).__name__
-
-
-M_co = TypeVar("M_co", bound=Machine, covariant=True)
-
-
-class Submachine(Polled, Generic[M_co]):
-    """A called machine. It takes its turns like all others; its caller polls its status.
-
-    Nothing waits: guard a transition with `done`. It ends with the state in which it was called.
-    """
-
-    def __init__(self, seat: Seat, caller: Seat | None):
-        self._seat = seat
-        seat.called, seat.caller = True, caller
-
-    def __repr__(self) -> str:
-        how = "done" if self.done else "failed" if self.failed else f"in {self.machine.state_name}"
-        return f"<Submachine {self.name}: {how}>"
-
-    @property
-    def name(self) -> str:
-        """The name under which it was loaded."""
-        return self._seat.name
-
-    @property
-    def machine(self) -> M_co:
-        """The machine: its variables are the results, once it is done."""
-        machine: Any = self._seat.machine
-        return cast("M_co", machine)
-
-    @property
-    def done(self) -> bool:
-        """True if it has accepted."""
-        return self._seat.accepted
-
-    @property
-    def failed(self) -> bool:
-        """True if its code has raised, or it was unloaded without having accepted."""
-        seat = self._seat
-        return seat.failure is not None or not (seat.taken or seat.accepted)
-
-    def cancel(self) -> None:
-        """Unload it if it is still loaded."""
-        if self._seat.taken:
-            self._seat.control.unload(self._seat.name)

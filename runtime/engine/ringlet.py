@@ -70,6 +70,8 @@ class SeatFields:
     timed: BoundState | None
     failure: object
     hang: str
+    inner: bool
+    children: list[Any]
 
     if TYPE_CHECKING:  # what else of a seat turns need; the twin calls these methods, too
         name: str
@@ -158,11 +160,14 @@ class Rotation(Generic[S]):
     rounds: int
     """The number of rounds so far."""
 
-    def give_turns(self, seats: Iterable[S | None], /) -> bool:
-        """Give each seat its turn; return True if a transition fired in any."""
+    def give_turns(self, seats: Iterable[S | None], /, *, inner: bool = False) -> bool:
+        """Give each seat its turn; return True if a transition fired in any.
+
+        Behind each, depth first, come the seats of what its state runs, which are `inner` ones.
+        """
         any_fired = False
         for seat in seats:
-            if seat is None:
+            if seat is None or seat.inner is not inner:
                 continue
             turn, stopwatch, fired = self._turn, self.stopwatch, False
             try:
@@ -179,6 +184,8 @@ class Rotation(Generic[S]):
                 self.fail(seat, error)
             if self._leaving:
                 self._let_go()
+            if seat.children and self.give_turns(seat.children, inner=True):
+                any_fired = True
         return any_fired
 
     def give_round(self, seats: Iterable[S | None], /) -> bool:

@@ -20,7 +20,7 @@ from itertools import pairwise
 from math import lcm
 from typing import TYPE_CHECKING, NamedTuple, Self, TypeVar
 
-from llfsm.runtime.engine.errors import ScheduleError
+from llfsm.runtime.engine.errors import LoadError, ScheduleError
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -82,6 +82,15 @@ class Timetable:
             raise ScheduleError(
                 f"the slots from {self.slots[0].start_us} to {self.slots[-1].start_us} us do not "
                 f"fit into a cycle of {cycle_us} us"
+            )
+
+    def check_has(self, machine: str) -> None:
+        """Raise `LoadError` if a machine has no slot."""
+        if machine not in self.machines:
+            raise LoadError(
+                f"{machine} has no slot in the timetable; it has slots for: "
+                f"{', '.join(self.machines)}; add a [[machine]] for it to the "
+                f"arrangement file, with preload = true and a period_us"
             )
 
     @classmethod

@@ -1,15 +1,9 @@
-"""A machine's seat in an arrangement: its place in the order, and where its execution stands.
-
-`bind` fills the states of a seat from its machine's table, as the ringlet wants them. While there
-are observers, each function is wrapped in one that reports it, so that the one ringlet serves both
-and pays for observers only when there are some.
-"""
+"""A machine's seat in an arrangement: its place in the order, and where its execution stands."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from math import floor
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from llfsm.errors import LlfsmError, did_you_mean
@@ -21,10 +15,11 @@ from llfsm.runtime.engine.errors import (
     ObserverError,
     SensorNameError,
 )
-from llfsm.runtime.engine.events import Eval, Request, Section, Standing, Status, Turn
+from llfsm.runtime.engine.events import Request, Standing, Status, Turn
+from llfsm.runtime.engine.nest import Nest
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.ringlet import BoundState, BoundTransition, SeatFields, defined_ringlet
-from llfsm.runtime.engine.state import SECTIONS, SectionCode, State
+from llfsm.runtime.engine.ringlet import BoundState, SeatFields, defined_ringlet
+from llfsm.runtime.engine.state import Runs, State
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -32,131 +27,14 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Control
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.statistics import Meter
+    from llfsm.runtime.engine.submachine import Submachine, Submachines
+    from llfsm.runtime.engine.table import Table
     from llfsm.whiteboard import Board, Message, Slot
 
 
 RUNTIME = os.path.dirname(os.path.dirname(__file__))
 """The folder of the runtime: code of machines is elsewhere."""
-
-_FOREVER_NS = 2**63 - 1  # by any clock
-_ON_SUSPEND = SECTIONS.index("OnSuspend")
-_LEAVING = ("on_exit", "on_suspend", "on_resume")  # with these a state ends, the last of suspension
-
-
-def _never(_: Machine) -> bool:
-    """Keep a machine in a state without transitions that is not final."""
-    return False
-
-
-def bind(seat: Seat, *, observed: bool) -> None:
-    """Fill the bound states of `seat` from its machine's table."""
-    for state in type(seat.machine).table.states:
-        bound = seat.states[state.name]
-        code = [state.sections.get(section) for section in SECTIONS]
-        code[_ON_SUSPEND] = _suspending(seat, code[_ON_SUSPEND])
-        transitions = [_transition(seat, state, number) for number in range(len(state.transitions))]
-        if observed:
-            code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
-            transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
-        bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
-        if not transitions and not state.final:
-            transitions = [(None, _never, bound)]
-        bound.transitions = tuple(transitions)
-    for bound in seat.calls:
-        _end_calls_with(seat, bound)
-    states = seat.states.values()
-    seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
-
-
-def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
-    """Return OnSuspend's code, after the safe values if the machine has any."""
-    actuators = type(seat.machine).table.actuators.values()
-    if all(actuator.at_suspend is None for actuator in actuators):
-        return code
-
-    def post_and_run(machine: Any) -> None:
-        if seat.failure is None:  # else the values for that were posted, and stay
-            seat.post_safe("at_suspend")
-        if code is not None:
-            code(machine)
-
-    return post_and_run
-
-
-def _end_calls_with(seat: Seat, bound: BoundState) -> None:
-    """Let the machines that were called in a state end when it is left, before its own code."""
-
-    def ending(code: SectionCode | None) -> SectionCode:
-        def end_and_run(machine: Any) -> None:
-            if seat.current is not bound:  # else it is a transition to the same state
-                seat.end_calls(bound)
-            if code is not None:
-                code(machine)
-
-        return end_and_run
-
-    for name in _LEAVING:
-        if name != "on_resume" or bound is seat.suspension:
-            setattr(bound, name, ending(getattr(bound, name)))
-
-
-def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
-    transition = state.transitions[number]
-    guard, target = transition.guard, transition.target
-    after_ms, limit_ns = transition.after_ms, None
-    if after_ms is not None:
-        limit_ns = floor(min(after_ms * 1_000_000, _FOREVER_NS))
-
-    def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
-        value = guard is None or guard(machine)
-        if value is True:
-            seat.fired = number
-        return value
-
-    alone = sum(each.target is target for each in state.transitions) == 1
-    return limit_ns, guard if alone else evaluate_and_note, seat.states[target.name]
-
-
-def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | None) -> SectionCode:
-    kernel = seat.kernel
-
-    def report_and_run(machine: Any) -> None:
-        kernel.emit(Section(*kernel.stamp(), seat.name, state.name, section))
-        if code is not None:
-            outer, seat.doing = seat.doing, state.name
-            try:
-                code(machine)
-            finally:
-                seat.doing = outer
-
-    return report_and_run
-
-
-def _watch_transition(
-    seat: Seat, state: State, number: int, bound: BoundTransition
-) -> BoundTransition:
-    kernel, (limit_ns, guard, target) = seat.kernel, bound
-    label = state.transitions[number].label
-
-    def evaluate_and_report(machine: Any) -> bool:
-        outer, seat.doing = seat.doing, None
-        try:
-            due = limit_ns is None or seat.now() - seat.entered_ns > limit_ns
-            value = due and (guard is None or guard(machine))
-        finally:
-            seat.doing = outer
-        kernel.emit(Eval(*kernel.stamp(), seat.name, state.name, number, label, target.name, value))
-        return value
-
-    return None, evaluate_and_report, target
-
-
-def observed_ringlet(seat: Seat) -> bool:
-    """Report to the observers that a turn begins, and run it."""
-    previous, kernel = None if seat.previous is None else seat.previous.name, seat.kernel
-    begun = Turn(*kernel.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
-    kernel.emit(begun)
-    return defined_ringlet(seat)
+_MOST_DEEP = 32  # machines inside each other
 
 
 class Instrument(Protocol):
@@ -213,7 +91,6 @@ class Seat(SeatFields):
         "accepted",
         "called",
         "caller",
-        "calls",
         "control",
         "doing",
         "fired",
@@ -222,8 +99,11 @@ class Seat(SeatFields):
         "index",
         "initial",
         "kernel",
+        "left",
         "name",
+        "nest",
         "nested",
+        "parking",
         "path",
         "remembered",
         "renamed",
@@ -241,7 +121,6 @@ class Seat(SeatFields):
         self,
         machine: Machine,
         control: Control,
-        index: int,
         name: str,
         path: str,
         renamed: Mapping[str, str],
@@ -250,7 +129,7 @@ class Seat(SeatFields):
         self.machine = machine
         self.control = control
         self.kernel = control.kernel
-        self.index = index
+        self.index = 0  # given with the place
         self.name = name
         self.path = path
         self.renamed = renamed  # slots: name in the machine -> name on the board
@@ -265,10 +144,13 @@ class Seat(SeatFields):
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
         self.meter = None  # of the stopwatch, if turns are timed
         self.timed = None  # the state of which it counts the time
-        self.taken = True
+        self.taken = False
         self.called = False  # whether somebody waits for its end
         self.caller: Seat | None = None  # the machine that does
-        self.calls: dict[BoundState, list[Seat]] = {}  # which end with the state
+        self.inner = False  # whether it has its turns right behind those of the caller
+        self.children = []
+        self.left = False  # whether it has ended because its state was left
+        self.parking = False  # whether it may be returned later
         self.hang = ""  # where its code hangs, as a watchdog has found
         self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
@@ -276,11 +158,12 @@ class Seat(SeatFields):
 
     def _begin(self) -> None:
         """Stand at the beginning of the machine's table."""
-        table = type(self.machine).table
+        table = self.table
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
         suspend = table.suspend
         self.suspension = self.states[suspend.name] if suspend else BoundState("Suspended")
+        self.nest: Nest[Seat] = Nest(self)
         self.current = self.remembered = self.initial
         self.previous = None
         self.source = None  # the state that it was in before
@@ -288,6 +171,11 @@ class Seat(SeatFields):
         self.entered_ns = NEVER  # when the state clock started
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure = None  # what its code has raised
+
+    @property
+    def table(self) -> Table:
+        """The table of the machine's class."""
+        return type(self.machine).table
 
     @property
     def suspended(self) -> bool:
@@ -304,7 +192,9 @@ class Seat(SeatFields):
         if self.current is self.suspension:
             waking = self.request is Request.RESUME or self.request is Request.RESTART
             return not waking and self.entered_ns != NEVER
-        return self.current is self.previous and not self.current.transitions
+        if self.current is not self.previous or self.current.transitions:
+            return False
+        return self.accepted or not self.nest.runs(self.current)
 
     @property
     def ringlets(self) -> int:
@@ -330,19 +220,59 @@ class Seat(SeatFields):
 
     def add_call(self, called: Seat) -> None:
         """Let a machine that this one has called end with the state that it is in."""
-        if self.current not in self.calls:
-            self.calls[self.current] = []
-            _end_calls_with(self, self.current)
-            self.notifies = True
-        self.calls[self.current].append(called)
+        is_first = self.current not in self.nest.calling
+        self.nest.call(self.current, called)
+        if is_first:
+            self.kernel.bind(self)
 
-    def end_calls(self, state: BoundState | None = None) -> None:
-        """Unload the machines that were called in a state, or in any: the latest first."""
-        for each in [state] if state is not None else [*self.calls]:
-            while called := self.calls.get(each):
-                seat = called.pop()
-                if seat.taken:
-                    self.kernel.unload(seat, None)
+    @property
+    def depth(self) -> int:
+        """How many machines it is inside of."""
+        return self.caller.depth + 1 if self.inner and self.caller is not None else 0
+
+    # What its nest and that of its outer machine ask of it
+
+    def ask_to_stop(self) -> None:
+        """Let the machine see that it is to stop, and what its states run."""
+        self.stopping = self.machine.stopping = True
+        for child in self.children:
+            if child is not None:
+                child.ask_to_stop()
+
+    def work(self, state: str) -> Submachine[Any] | Submachines:
+        """Return what a state runs, or has run last."""
+        bound = self.states[state]
+        return self.nest.work(self.declared(bound), bound)
+
+    def begin(self, runs: Runs) -> Seat:
+        """Load what a state runs into a seat of its own, and return that."""
+        if self.depth == _MOST_DEEP:
+            raise LoadError(
+                f"{self.name} is {_MOST_DEEP} machines deep: do their states run each other?"
+            )
+        return self.control.loader.begin(self, runs)
+
+    def leave(self) -> None:
+        """Unload the machine if it is loaded."""
+        if self.taken:
+            self.kernel.unload(self, None)
+
+    def halt(self) -> None:
+        """Suspend the machine now, its suspended ringlet included."""
+        self.kernel.abandon(self, self.caller)
+
+    def park(self) -> None:
+        """Suspend the machine now and take it out of the arrangement, to be returned to it."""
+        if not self.suspended:
+            self.halt()
+        self.parking = True
+        self.leave()
+
+    def unpark(self) -> None:
+        """Return a machine that was parked, to be resumed at its next turn."""
+        self.parking = self.left = False
+        self.control.loader.put(self)
+        self.request = Request.RESUME
 
     def perform_request(self) -> None:
         """Apply and clear the request."""
@@ -351,7 +281,7 @@ class Seat(SeatFields):
         if request is Request.SUSPEND:
             self.suspend()
         elif request is Request.RESTART:
-            self.end_calls()
+            self.nest.leave_all()
             if not self.suspended:
                 self.post_safe("at_restart")
             self.current, self.previous = self.initial, None
@@ -362,7 +292,7 @@ class Seat(SeatFields):
 
     def declared(self, state: BoundState) -> State:
         """Return the declaration of `state`, which must not be the default suspend state."""
-        return next(s for s in type(self.machine).table.states if s.name == state.name)
+        return next(s for s in self.table.states if s.name == state.name)
 
     def schedule(self, request: Request) -> Status:
         """Replace the request; return the status before, or ERROR instead of undoing a restart."""
@@ -387,7 +317,7 @@ class Seat(SeatFields):
     def overridden(self) -> tuple[str, ...]:
         """The names of the sensors that are overridden."""
         slots = self.kernel.environment.overridden(self.name)
-        sensors = type(self.machine).table.sensors.items() if slots else ()
+        sensors = self.table.sensors.items() if slots else ()
         return tuple(name for name, sensor in sensors if self.slot_of(sensor).name in slots)
 
     def standing(self) -> Standing:
@@ -413,13 +343,13 @@ class Seat(SeatFields):
 
     def connect(self, environment: Environment) -> None:
         """Connect the machine's sensors and actuators with `environment`."""
-        table = type(self.machine).table
+        table = self.table
+        used = None if self.inner or not self.renamed else table.slots_within
         for slot in self.renamed:
-            if slot not in table.slots:
-                names = ", ".join(table.slots) or "none"
+            if used is not None and slot not in used:
                 raise LoadError(
-                    f"{self.name} uses no slot {slot!r}; it uses: {names}"
-                    f"{did_you_mean(slot, table.slots)}"
+                    f"{self.name} uses no slot {slot!r}; it uses: {', '.join(used) or 'none'}"
+                    f"{did_you_mean(slot, used)}"
                 )
         self.sensors = tuple(
             (name, self._reader(environment, name, sensor), sensor.default)
@@ -431,26 +361,42 @@ class Seat(SeatFields):
         if self.first_round:
             self.now = environment.machine_now
 
+    def take(self, index: int, name: str) -> None:
+        """Sit down at a place in the order, connected with the environment."""
+        self.index, self.name = index, name
+        self.connect(self.kernel.environment)
+        self.claim(self.kernel.environment)
+        self.machine._seat = self
+        self.taken = True
+
+    def snapshot(self) -> list[tuple[str, Any]]:
+        """Return what each sensor of the machine shows."""
+        return [(sensor, getattr(self.machine, sensor)) for sensor, *_ in self.sensors]
+
     def reload(self, machine: Machine) -> None:
         """Seat another definition of the machine, at its beginning; the one before ends.
 
         Raise what `connect` and `claim` raise if it cannot be connected, and keep the one before.
         """
-        before, aged = self.machine, self._aged
+        before, aged, environment = self.machine, self._aged, self.kernel.environment
+        held = [self.slot_of(self.table.sensors[name]) for name in self.overridden]
         try:
             self._exchange(machine, {})
         except LlfsmError:
             self._exchange(before, aged)
             raise
         if self.meter is not None:  # which counts the time in the states of the one before
-            self.meter.unseat(self.kernel.environment.clock.now_ns())
+            self.meter.unseat(environment.clock.now_ns())
             self.meter = self.timed = None
-        self.end_calls()
-        self.calls.clear()
-        self.post_safe("at_end", self.kernel.environment.whiteboard, before)
+        self.nest.leave_all()
+        self.post_safe("at_end", environment.whiteboard, before)
         self._close_actuators(before)
         self.held = self.held and self.request is Request.SUSPEND
+        machine._seat = self
         self._begin()
+        for slot in held:  # nobody knows whether the override still makes sense
+            environment.release(self.name, slot)
+            self.read_again(slot.name)
 
     def _exchange(self, machine: Machine, aged: dict[str, AgedRead]) -> None:
         environment = self.kernel.environment
@@ -462,7 +408,7 @@ class Seat(SeatFields):
     def claim(self, environment: Environment) -> None:
         """Claim the slots to which the machine posts; raise `LoadError` if that is refused."""
         slots: dict[Slot[Any], bool] = {}
-        for actuator in type(self.machine).table.actuators.values():
+        for actuator in self.table.actuators.values():
             slot = self.slot_of(actuator)
             slots[slot] = slots.get(slot, False) or actuator.exclusive
         if slots:
@@ -470,7 +416,7 @@ class Seat(SeatFields):
 
     def read_again(self, slot: str) -> None:
         """Connect the sensors of a slot anew, of which an instrument wants to know."""
-        sensors, environment = type(self.machine).table.sensors, self.kernel.environment
+        sensors, environment = self.table.sensors, self.kernel.environment
         self.sensors = tuple(
             (name, self._reader(environment, name, sensors[name]), default)
             if self.slot_of(sensors[name]).name == slot
@@ -506,7 +452,7 @@ class Seat(SeatFields):
 
     def sensor(self, name: str) -> Sensor[Any, Any]:
         """Return the sensor of that name; raise `SensorNameError`."""
-        sensors = type(self.machine).table.sensors
+        sensors = self.table.sensors
         if name not in sensors:
             raise SensorNameError(
                 f"{self.name} has no sensor {name!r}; it has: {', '.join(sensors) or 'none'}"
@@ -517,7 +463,7 @@ class Seat(SeatFields):
     @property
     def slots_read(self) -> frozenset[str]:
         """The names of the slots that the machine reads, on the board."""
-        sensors = type(self.machine).table.sensors.values()
+        sensors = self.table.sensors.values()
         return frozenset(self.slot_of(sensor).name for sensor in sensors)
 
     def slot_of(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
@@ -536,7 +482,10 @@ class Seat(SeatFields):
         """Leave the seat and post the `at_end` messages; nothing if that was done before."""
         if self.taken:
             self.taken = False
-            self.end_calls()
+            self.nest.leave_all(keep=self.parking)
+            if self.inner and self.caller is not None:
+                turns = self.caller.children
+                turns[:] = [None if each is self else each for each in turns]
             self._wake_caller()
             self.post_safe("at_end")
             self._close_actuators(self.machine)
@@ -546,7 +495,7 @@ class Seat(SeatFields):
         """Note that code of the machine has raised, and post the `at_failure` messages."""
         self.failure = failure
         self.request = None
-        self.end_calls()
+        self.nest.leave_all()
         self._wake_caller()
         if self.taken:  # else the values for an end were posted, and stay
             self.post_safe("at_failure")
@@ -587,7 +536,7 @@ class Seat(SeatFields):
         """Return the slots and the messages of the actuators that have one `at_failure`."""
         return [
             (self.slot_of(actuator), actuator.at_failure)
-            for actuator in type(self.machine).table.actuators.values()
+            for actuator in self.table.actuators.values()
             if actuator.at_failure is not None
         ]
 
@@ -656,6 +605,14 @@ class Seat(SeatFields):
         for number, (_, guard, _) in enumerate(state.transitions):
             if guard is code:
                 yield f"transition {self.declared(state).transitions[number].label}"
+
+
+def observed_ringlet(seat: Seat) -> bool:
+    """Report to the observers that a turn begins, and run it."""
+    previous, kernel = None if seat.previous is None else seat.previous.name, seat.kernel
+    begun = Turn(*kernel.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
+    kernel.emit(begun)
+    return defined_ringlet(seat)
 
 
 def _text(describe: Callable[[object], str], value: object) -> str:

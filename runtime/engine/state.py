@@ -9,17 +9,24 @@ from __future__ import annotations
 import dis
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import CodeType, FrameType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
 
 from llfsm.runtime.engine.errors import DefinitionError
 
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.submachine import Submachine, Submachines
+
 SectionCode: TypeAlias = Callable[[Any], None]
 Guard: TypeAlias = Callable[[Any], bool]
+Runs: TypeAlias = "str | type[Any] | Callable[[Any], Any]"
+"""What a state runs: a machine class, a function of the machine that makes one, or a name."""
 S = TypeVar("S", bound=SectionCode)
 G = TypeVar("G", bound=Guard)
+M = TypeVar("M")
+R = TypeVar("R")
 
 DEFERRED = 0x20 | 0x80 | 0x200
 """Flags of the code of generators, coroutines and both, which does nothing when called."""
@@ -68,18 +75,97 @@ class State:
     unless that state is not `final`: then it goes on there. In a subclass, declare on
     `Parent.state` to extend the subclass's copy: sections replace the inherited ones, transitions
     come after them.
+
+    A state `runs` a machine as long as it is the current one: a machine class, a function of the
+    machine that makes one, the name of one, or several of these. It is made after OnEntry, has its
+    turns right behind those of its machine, and ends before OnExit. What it has come to is seen by
+    the state's name, as in `self.work.done` (see `Submachine`). A failure for which no transition
+    fires is one of the machine. A state without transitions ends its machine when what it runs is
+    done. With `history=True`, what was not done is suspended when the state is left, and resumed
+    when it is entered again.
     """
 
     declared_once = True
 
-    def __init__(self, name: str | None = None, *, suspend: bool = False, final: bool = True):
-        self.name = name or ""
-        self.suspend = suspend
-        self.final = final
-        self.sections: dict[str, SectionCode] = {}
-        self._given: set[str] = set()  # those of `sections` that are not inherited
-        self.transitions: list[Transition] = []
-        self.owner: type | None = None  # set when the class is complete
+    name: str
+    suspend: bool
+    final: bool
+    runs: tuple[Runs, ...]
+    """What it runs, in the order of turns."""
+    several: bool
+    """Whether it was given a list of what to run."""
+    history: bool
+    sections: dict[str, SectionCode]
+    transitions: list[Transition]
+    owner: type | None
+    """The machine class, once it is complete."""
+    _given: set[str]
+    """Those of `sections` that are not inherited."""
+
+    if TYPE_CHECKING:  # the class of the result, and so what it is as an attribute
+
+        @overload
+        def __new__(
+            cls, name: str | None = ..., *, suspend: bool = ..., final: bool = ..., runs: None = ...
+        ) -> Self: ...
+        @overload
+        def __new__(
+            cls,
+            name: str | None = ...,
+            *,
+            suspend: bool = ...,
+            final: bool = ...,
+            runs: type[M] | Callable[[Any], M],
+            history: bool = ...,
+        ) -> SubmachineState[Submachine[M]]: ...
+        @overload
+        def __new__(
+            cls,
+            name: str | None = ...,
+            *,
+            suspend: bool = ...,
+            final: bool = ...,
+            runs: str,
+            history: bool = ...,
+        ) -> SubmachineState[Submachine[Any]]: ...
+        @overload
+        def __new__(
+            cls,
+            name: str | None = ...,
+            *,
+            suspend: bool = ...,
+            final: bool = ...,
+            runs: list[Any] | tuple[Any, ...],
+            history: bool = ...,
+        ) -> SubmachineState[Submachines]: ...
+        def __new__(cls, *_: Any, **__: Any) -> Any:
+            """Make a state."""
+
+    else:
+
+        def __new__(cls, *_: Any, runs: Any = None, **__: Any) -> Any:
+            """Make a state, or a `SubmachineState` if it runs anything."""
+            return super().__new__(cls if runs is None else SubmachineState)
+
+        def __init__(
+            self,
+            name: str | None = None,
+            *,
+            suspend: bool = False,
+            final: bool = True,
+            runs: Runs | Sequence[Runs] | None = None,
+            history: bool = False,
+        ):
+            self.name = name or ""
+            self.suspend = suspend
+            self.final = final
+            self.several = isinstance(runs, list | tuple)
+            self.runs = tuple(_runnable(self, runs))
+            self.history = history
+            self.sections = {}
+            self._given = set()
+            self.transitions = []
+            self.owner = None
 
     def __repr__(self) -> str:
         return f"State({self.name!r})"
@@ -116,20 +202,25 @@ class State:
         when: Guard | None = None,
         after_ms: float | None = None,
         after: float | None = None,
+        when_done: bool = False,
+        when_failed: bool = False,
         label: str | None = None,
     ) -> Transition:
         """Add a transition to `target`, evaluated after those already there.
 
         It fires when all that is given holds: more than `after_ms` milliseconds, or `after`
-        seconds, have passed since the state was entered, and `when` (or the guard that the
-        result decorates) returns True. With nothing given it always fires. `label` replaces
-        the label that would be derived.
+        seconds, have passed since the state was entered, what the state runs is done or, with
+        `when_failed`, has failed (with both: either), and `when` (or the guard that the result
+        decorates) returns True. With nothing given it always fires. `label` replaces the label
+        that would be derived.
         """
         frame = sys._getframe(1)
         state = self._open(frame)
         transition = Transition(
             state, target, (frame.f_code.co_filename, frame.f_lineno), after_ms, after, label
         )
+        if when_done or when_failed:
+            transition.wait_for_end(done=when_done, failed=when_failed)
         if when is not None:
             transition(when)
         state.transitions.append(transition)
@@ -137,7 +228,10 @@ class State:
 
     def copy(self) -> State:
         """Return an independent state with the same sections, transitions and targets."""
-        twin = State(self.name, suspend=self.suspend, final=self.final)
+        runs: Any = self.runs if self.several else next(iter(self.runs), None)
+        twin: State = State(
+            self.name, suspend=self.suspend, final=self.final, runs=runs, history=self.history
+        )
         twin.sections = dict(self.sections)
         twin.transitions = [transition.copy(twin) for transition in self.transitions]
         return twin
@@ -168,6 +262,21 @@ class State:
         )
 
 
+class SubmachineState(State, Generic[R]):
+    """A state that runs machines. As an attribute of a machine it is what it runs, or ran last."""
+
+    @overload
+    def __get__(self, machine: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, machine: object, owner: type) -> R: ...
+    def __get__(self, machine: Any, owner: type) -> Self | R:
+        """Return the state of a class, and what the state of a machine runs."""
+        if machine is None:
+            return self
+        found: R = machine._seat.work(self.name)
+        return found
+
+
 class Transition:
     """One transition of a state; as a decorator it takes the guard that must also hold."""
 
@@ -193,8 +302,19 @@ class Transition:
         self.timed = "" if after is None else f"after({after!r})"
         if after_ms is not None:
             self.timed = f"after_ms({_time(source, after_ms)!r})"
+        self.ends: tuple[str, ...] = ()
+        """The ends of what the state runs of which one must have come: "done", "failed"."""
         self._declared = declared
         self._label = label
+
+    def wait_for_end(self, *, done: bool, failed: bool) -> None:
+        """Require that what the state runs is done, has failed, or either."""
+        if not self.source.runs:
+            raise DefinitionError(
+                f"state {_name(self.source)!r}: when_done and when_failed are for states that run "
+                f"a machine: give it State(runs=...)"
+            )
+        self.ends = ("done",) * done + ("failed",) * failed
 
     def __call__(self, guard: G) -> G:
         """Require `guard` too."""
@@ -223,7 +343,7 @@ class Transition:
             named = getattr(self.guard, "__name__", "")
             if named in ("", "_", "<lambda>"):
                 named = self.expression or "{}:{}".format(*self.location)
-        return " and ".join(filter(None, (self.timed, named))) or "true"
+        return " and ".join(filter(None, (self.timed, " or ".join(self.ends), named))) or "true"
 
     @property
     def expression(self) -> str | None:
@@ -240,12 +360,13 @@ class Transition:
     @property
     def unconditional(self) -> bool:
         """True if it always fires."""
-        return self.guard is None and self.after_ms is None
+        return self.guard is None and self.after_ms is None and not self.ends
 
     def copy(self, source: State) -> Transition:
         """Return the same transition leaving `source`."""
         twin = Transition(source, self.target, self._declared, None, None, self._label)
         twin.guard, twin.after_ms, twin.timed = self.guard, self.after_ms, self.timed
+        twin.ends = self.ends
         return twin
 
 
@@ -266,6 +387,27 @@ def _check_code(state: State, what: str, code: object) -> None:
     raise DefinitionError(
         f"state {_name(state)!r}: {what} must be a plain function of the machine, not {given}"
     )
+
+
+def _runnable(state: State, runs: Runs | Sequence[Runs] | None) -> Sequence[Runs]:
+    """List what a state is to run, checked."""
+    each: list[Any] = [*runs] if isinstance(runs, list | tuple) else [runs][: runs is not None]
+    for one in each:
+        if not isinstance(one, type) and hasattr(one, "_seat"):
+            raise DefinitionError(
+                f"state {_name(state)!r} runs {one!r}, a machine that could run only once: give "
+                f"its class, or a function of the machine that makes one, as in "
+                f"runs=lambda self: Drive(to=self.goal)"
+            )
+        is_class = hasattr(one, "table") if isinstance(one, type) else False
+        if isinstance(one, str) or is_class:
+            continue
+        if isinstance(one, type):
+            raise DefinitionError(f"state {_name(state)!r} runs {one!r}, which is no machine class")
+        _check_code(state, "what it runs", one)
+    if runs is not None and not each:
+        raise DefinitionError(f"state {_name(state)!r} is to run nothing: leave runs out")
+    return each
 
 
 def _name(state: State) -> str:

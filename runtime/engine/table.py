@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Final, ForwardRef, NamedTuple, TypeAlias, get_
 
 from llfsm.runtime.engine.errors import DefinitionError, UnreachableStateWarning, VariableError
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.state import ClassBody, State
+from llfsm.runtime.engine.state import ClassBody, Runs, State
 
 Point: TypeAlias = tuple[float, float]
 MAY_BE_OWN: Final = frozenset({"failure"})
@@ -60,10 +60,6 @@ REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 
 _SHARED = (list, dict, set, bytearray)
 _DECLARED = (State, Sensor, Actuator)
-
-
-class Polled:
-    """The base of what code keeps in a variable and polls: to read its attributes has no effect."""
 
 
 class Variable(NamedTuple):
@@ -146,6 +142,23 @@ class Table:
         self.layout: MachineLayout | None = None
 
     @property
+    def slots_within(self) -> list[str] | None:
+        """The names of the slots that it and what its states run use; None if nobody knows."""
+        names, seen, todo = dict[str, None](), set[int](), [self]
+        while todo:
+            table = todo.pop()
+            if id(table) in seen:
+                continue
+            seen.add(id(table))
+            names |= dict.fromkeys(table.slots)
+            for runs in [each for state in table.states for each in state.runs]:
+                inner = run_by(runs)
+                if not inner:
+                    return None
+                todo += [each.table for each in inner]
+        return [*names]
+
+    @property
     def slots(self) -> list[str]:
         """The names of the slots that the machine uses, each once."""
         names = [port.slot.name for port in self.sensors.values()]
@@ -191,6 +204,30 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
         state.owner = cls
     _warn_of_unreachable(cls, table)
     return table
+
+
+def run_by(runs: Runs) -> list[Any]:
+    """List the machine classes that a state may run: of a function, those that its code names."""
+    if isinstance(runs, str):
+        return []
+    if isinstance(runs, type):
+        return [runs]
+    code = getattr(runs, "__code__", None)
+    if code is None:
+        return []
+    around = dict(zip(code.co_freevars, getattr(runs, "__closure__", None) or (), strict=True))
+    cells = {name: cell.cell_contents for name, cell in around.items() if _is_filled(cell)}
+    scope = {**getattr(runs, "__globals__", {}), **cells}
+    named = (scope.get(name) for name in (*code.co_names, *code.co_freevars))
+    return [each for each in named if isinstance(each, type) and hasattr(each, "table")]
+
+
+def _is_filled(cell: Any) -> bool:
+    try:
+        cell.cell_contents  # noqa: B018  # raises if it has none
+    except ValueError:
+        return False
+    return True
 
 
 def _annotations(owner: type) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from typing import Any, Final, Self
 
 from llfsm.runtime.engine.ports import Sensor
 from llfsm.runtime.engine.source_text import expression_of
-from llfsm.runtime.engine.table import Polled, Table
+from llfsm.runtime.engine.submachine import Polled
+from llfsm.runtime.engine.table import Table
 from llfsm.runtime.expressions.purity import (
     FUNCTIONS,
     Elements,

@@ -27,7 +27,8 @@ from typing import Any, Final, NoReturn
 
 from llfsm.runtime.engine.source_text import EXPRESSION, expression_of, syntax_of
 from llfsm.runtime.engine.state import DEFERRED
-from llfsm.runtime.engine.table import Polled, Table
+from llfsm.runtime.engine.submachine import Polled
+from llfsm.runtime.engine.table import Table
 from llfsm.runtime.expressions.evaluation import parsed
 from llfsm.runtime.expressions.purity import (
     METHODS,

@@ -32,7 +32,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, g
 
 import msgspec
 
-from llfsm.runtime.engine.table import Polled
+from llfsm.runtime.engine.submachine import Polled
 
 
 class EvaluationError(Exception):

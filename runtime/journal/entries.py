@@ -31,7 +31,7 @@ import msgspec
 
 from llfsm.runtime.engine import events
 from llfsm.runtime.engine.errors import ExecutionError
-from llfsm.runtime.engine.machine import Submachine
+from llfsm.runtime.engine.submachine import Submachine
 
 Entry: TypeAlias = dict[str, Any]
 """An entry by the names of its fields, as in JSON; `event` names its kind."""

@@ -45,8 +45,8 @@ from llfsm.runtime.verification.values import (
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
     from llfsm.runtime.engine.kernel import OnError
-    from llfsm.runtime.engine.machine import Submachine
     from llfsm.runtime.engine.ringlet import BoundState
+    from llfsm.runtime.engine.submachine import Submachine
 
 
 M = TypeVar("M", bound=Machine)

@@ -6,7 +6,7 @@ import pytest
 
 from llfsm.runtime import Arrangement, BreakpointError, Machine, ManualClock, Sensor, State
 from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.engine.machine import Submachine
+from llfsm.runtime.engine.submachine import Submachine
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import PATIENCE_S

@@ -46,10 +46,18 @@ guards = st.one_of(
 )
 sections = st.dictionaries(st.sampled_from(SECTIONS), st.lists(deeds, min_size=1, max_size=2))
 transitions = st.lists(
-    st.tuples(st.integers(0, 3), guards, st.one_of(st.none(), st.sampled_from([0, 5, 7.5]))),
+    st.tuples(
+        st.integers(0, 3),
+        guards,
+        st.one_of(st.none(), st.sampled_from([0, 5, 7.5])),
+        st.sampled_from(["", "", "done", "failed"]),
+    ),
     max_size=3,
 )
-machines = st.lists(st.tuples(sections, transitions), min_size=1, max_size=4)
+runs = st.tuples(st.sets(st.integers(0, 2), max_size=2), st.booleans())  # with a history
+nothing = st.just((set[int](), False))
+states = st.tuples(sections, transitions, st.one_of(nothing, nothing, runs))
+machines = st.lists(states, min_size=1, max_size=4)
 worlds = st.tuples(
     st.lists(machines, min_size=1, max_size=3),
     st.sampled_from(["stop", "suspend"]),
@@ -80,7 +88,10 @@ class World:
         specs, on_error, unload_accepting, first_suspended, self.watched, self.schedule = drawn
         self.clock, self.board = ManualClock(), Whiteboard.local()
         self.did: list[object] = []
-        classes = {name: self.machine(name, spec) for name, spec in zip(NAMES, specs, strict=False)}
+        self.classes: dict[str, type[Machine]] = {}
+        for name, spec in zip(NAMES, specs, strict=False):  # each may run those before it
+            self.classes[name] = self.machine(name, spec)
+        classes = self.classes
         first, *others = classes.values()
         self.arrangement = kind(
             others if first_suspended else classes.values(),
@@ -94,21 +105,34 @@ class World:
         )
 
     def machine(self, name: str, spec: Any) -> type[Machine]:
-        states = [State(f"S{number}") for number in range(len(spec))]
-        for state, (codes, leads) in zip(states, spec, strict=True):
+        states = [
+            State(f"S{number}", history=history, runs=self.what_runs(places))
+            for number, (*_, (places, history)) in enumerate(spec)
+        ]
+        for state, (codes, leads, _) in zip(states, spec, strict=True):
             for section, what in codes.items():
                 getattr(state, section)(self.code(state.name, section, what))
-            for target, guard, after_ms in leads:
+            for target, guard, after_ms, end in leads:
                 if any(each.unconditional for each in state.transitions):
                     break
-                when = None if guard is None else self.guard(guard)
-                state.to(states[target % len(states)], when=when, after_ms=after_ms)
+                way = state.to(
+                    states[target % len(states)],
+                    when=None if guard is None else self.guard(guard),
+                    after_ms=after_ms,
+                )
+                if state.runs and end:
+                    way.wait_for_end(done=end == "done", failed=end == "failed")
         ports = {
             "left": Sensor(LEFT),
             "right": Sensor(RIGHT, default=Int32(data=2)),
             "out": Actuator(OUT, at_suspend=Int32(data=-1), at_end=Int32(data=-2)),
         }
         return define(name, states, attributes=ports)
+
+    def what_runs(self, places: set[int]) -> Any:
+        """Make what a state runs: the machines at these places, if they are there."""
+        found = [name for place, name in enumerate(self.classes) if place in places]
+        return [self.classes[name] if name == "A" else name for name in found] or None
 
     def code(self, state: str, section: str, what: list[tuple[str, Any]]) -> Callable[[Any], None]:
         def run(machine: Any) -> None:
@@ -180,10 +204,9 @@ class World:
 
         if what in ("left", "right"):
             self.board.add_message(LEFT if what == "left" else RIGHT, Int32(data=number))
-        elif what not in ("nothing", "rest") and NAMES[number % 3] in [
-            m.name for m in self.arrangement.machines
-        ]:
-            getattr(self.arrangement, what)(NAMES[number % 3])
+        elif what not in ("nothing", "rest") and self.arrangement.machines:
+            names = [each.name for each in self.arrangement.machines]
+            getattr(self.arrangement, what)(names[number % len(names)])
         try:
             self.did.append(self.arrangement.kernel.rest(sleep))
         except BaseException as error:

@@ -1,0 +1,191 @@
+"""The machines inside one machine: those that its states run, and those that it has called.
+
+Both end with the state in which they began, inwards first: their own inner machines, then they
+themselves with their safe values, then the state's OnExit. What a state *runs* differs in three
+ways from what its code calls. It has its turns right behind the outer machine's, so that a round is
+one sequence, depth first. A suspension of the outer machine suspends it where it is, and a
+resumption goes on there. And a failure of it for which no transition of the state fires is a
+failure of the outer machine.
+
+The code of bound states is wrapped for that, so a turn of a machine without inner ones costs
+nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, Generic, Protocol, TypeVar
+
+from llfsm.runtime.engine.errors import ExecutionError
+from llfsm.runtime.engine.events import Request, Status
+from llfsm.runtime.engine.ringlet import BoundState
+from llfsm.runtime.engine.state import Runs, State
+from llfsm.runtime.engine.submachine import InnerSeat, Submachine, Submachines
+
+
+class Nested(InnerSeat, Protocol):
+    """A seat, as the nest of its outer machine's and its own know it."""
+
+    current: BoundState
+    suspension: BoundState
+    children: list[Any]
+
+    @property
+    def suspended(self) -> bool:
+        """True if the machine is in its suspend state."""
+
+    def schedule(self, request: Request) -> Status:
+        """Replace the request."""
+
+    def begin(self, runs: Runs) -> Any:
+        """Load what a state runs into a seat of its own, and return that."""
+
+    def halt(self) -> None:
+        """Suspend the machine now, its suspended ringlet included."""
+
+    def park(self) -> None:
+        """Suspend the machine now and take it out of the arrangement, to be returned to it."""
+
+    def unpark(self) -> None:
+        """Return a machine that was parked, to be resumed at its next turn."""
+
+
+S = TypeVar("S", bound=Nested)
+
+
+class Run(Generic[S]):
+    """What a state runs, from its OnEntry on."""
+
+    def __init__(self, state: State):
+        self.seats: list[S] = []
+        self.over = False
+        """Whether the state was left."""
+        self.history = state.history
+        self._several = state.several
+        self.halted: list[S] = []
+        """Those that the outer machine's suspension has suspended."""
+        self.parked: list[S] = []
+        """Those that are to go on when the state is entered again."""
+
+    @property
+    def view(self) -> Submachine[Any] | Submachines:
+        """What code of the outer machine sees."""
+        each = tuple(map(Submachine[Any], self.seats))
+        return Submachines(each) if self._several else each[0] if each else Submachine(None)
+
+    @property
+    def done(self) -> bool:
+        """True if all have accepted."""
+        return all(seat.accepted for seat in self.seats)
+
+
+class Nest(Generic[S]):
+    """The inner machines of the machine in `outer`, by the state with which they end."""
+
+    def __init__(self, outer: S):
+        self._outer = outer
+        self._called: dict[BoundState, list[S]] = {}
+        self._runs: dict[BoundState, Run[S]] = {}
+
+    def work(self, state: State, bound: BoundState) -> Submachine[Any] | Submachines:
+        """Return what a state runs, or has run last."""
+        return (self._runs.get(bound) or Run[S](state)).view
+
+    def runs(self, bound: BoundState) -> bool:
+        """Check that a state runs anything, and was entered."""
+        return bound in self._runs
+
+    @property
+    def waits(self) -> bool:
+        """True if what the current state runs is not done."""
+        run = self._runs.get(self._outer.current)
+        return run is not None and not run.over and not run.done
+
+    @property
+    def calling(self) -> Collection[BoundState]:
+        """The states in which machines were called."""
+        return self._called.keys()
+
+    def call(self, bound: BoundState, called: S) -> None:
+        """Let a machine that was called end with a state."""
+        self._called.setdefault(bound, []).append(called)
+
+    def enter(self, state: State, bound: BoundState) -> None:
+        """Run what a state runs; go on with it after a suspension, or if it has a history."""
+        outer, run = self._outer, self._runs.get(bound)
+        if run is not None and not run.over:
+            for seat in run.halted:
+                if seat.taken and seat.suspended:
+                    seat.schedule(Request.RESUME)
+            run.halted.clear()
+            return
+        outer.children = [each for each in outer.children if each is not None]
+        if run is not None and run.parked:
+            run.over = False
+            for seat in run.parked:
+                seat.unpark()
+            outer.children += run.parked
+            run.parked.clear()
+            return
+        run = self._runs[bound] = Run(state)
+        for each in state.runs:  # one by one: those before one that cannot be loaded must end
+            run.seats.append(outer.begin(each))
+            outer.children.append(run.seats[-1])
+
+    def check(self, bound: BoundState) -> None:
+        """Raise what a machine that the state runs has raised, as no transition has fired."""
+        for seat in self._runs[bound].seats:
+            view = Submachine[Any](seat)
+            if view.failed:
+                what = "was unloaded before it was done" if view.error is None else "has failed"
+                error = ExecutionError(
+                    f"{seat.name} {what}, and no transition is for that",
+                    *(self._outer.name, bound.name, "runs", None, None),
+                )
+                error.__cause__ = view.error
+                raise error
+
+    def halt(self, bound: BoundState) -> None:
+        """Suspend what a state runs where it is: the last one first."""
+        self._end_calls(bound)
+        run = self._runs.get(bound)
+        if run is not None and not run.over:
+            for seat in reversed(run.seats):
+                if seat.taken and not seat.suspended:
+                    run.halted.append(seat)
+                    seat.halt()
+
+    def leave(self, bound: BoundState, *, keep: bool) -> None:
+        """End the inner machines of a state, the latest first; `keep` those that may go on later.
+
+        That is if the state has a history, and none of them has failed.
+        """
+        self._end_calls(bound)
+        run = self._runs.get(bound)
+        if run is None or run.over:
+            return
+        run.over = True
+        run.halted.clear()
+        keep = keep and run.history and not any(seat.failure for seat in run.seats)
+        for seat in reversed(run.seats):
+            if seat.taken:
+                seat.left = True
+                if keep:
+                    run.parked.insert(0, seat)
+                    seat.park()
+                else:
+                    seat.leave()
+
+    def leave_all(self, *, keep: bool = False) -> None:
+        """Leave all states; unless `keep`, nothing goes on later."""
+        for bound in reversed([*self._runs]):
+            self.leave(bound, keep=keep)
+        for bound in [*self._called]:
+            self._end_calls(bound)
+        if not keep:
+            for run in self._runs.values():
+                run.parked.clear()
+
+    def _end_calls(self, bound: BoundState) -> None:
+        while called := self._called.get(bound):
+            called.pop().leave()
