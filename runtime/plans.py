@@ -31,8 +31,8 @@ from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.errors import ConfigurationError, ScheduleError
 from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.roster import numbered_names
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
+from llfsm.runtime.engine.table import numbered_names
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:

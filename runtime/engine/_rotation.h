@@ -8,6 +8,12 @@ static bool is_accepting(PyObject *seat)
     return state && is_one_of(&states, state) && PyTuple_Size(state->transitions) == 0;
 }
 
+/* Check that a machine has its turns behind those of the one whose state runs it. */
+static bool is_inner(PyObject *seat)
+{
+    return is_one_of(&seats, seat) && ((Record *)seat)->inner == Py_True;
+}
+
 static bool give_turn(Record *self, PyObject *seat, bool *any);
 
 /* Give what a machine's state runs their turns; some may leave on the way. */
@@ -22,7 +28,7 @@ static bool give_children_turns(Record *self, PyObject *seat, bool *any)
     bool done = true;
     for (Py_ssize_t i = 0; done && i < PyList_Size(children); i++) {
         PyObject *child = Py_NewRef(PyList_GetItem(children, i));
-        done = child == Py_None || give_turn(self, child, any);
+        done = child == Py_None || !is_inner(child) || give_turn(self, child, any);
         Py_DECREF(child);
     }
     Py_LeaveRecursiveCall();
@@ -52,11 +58,6 @@ static bool give_turn(Record *self, PyObject *seat, bool *any)
     return done && give_children_turns(self, seat, any);
 }
 
-/* Check that a machine has its turns behind those of the one whose state runs it. */
-static bool is_inner(PyObject *seat)
-{
-    return is_one_of(&seats, seat) && ((Record *)seat)->inner == Py_True;
-}
 
 static PyObject *give_turns(PyObject *self, PyObject *turns)
 {

@@ -49,7 +49,7 @@ from llfsm.runtime.engine.submachine import Submachine
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
-    from llfsm.runtime.engine.state import Runs
+    from llfsm.runtime.engine.state import State
     from llfsm.whiteboard import Message, Slot
 
 M = TypeVar("M", bound=Machine)
@@ -115,15 +115,14 @@ class Loader:
             self._kernel.timetable.check_has(name)
         return self.put(Seat(machine, self._control, name, path, slots or {}, variables or {}))
 
-    def begin(self, outer: Seat, runs: Runs) -> Seat:
+    def begin(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
         """Load what a state of the machine in `outer` runs, to have its turns behind it.
 
         It is called as in "Outer/Inner". Where slots have other names for the outer machine, they
         have for the inner one.
         """
-        made = runs if isinstance(runs, str | type) else runs(outer.machine)
         machine = self._make(made, None)
-        name = f"{outer.name}/{type(machine).__name__}"
+        name = f"{outer.name}/{outer.table.inner_name(state, number, type(machine).__name__)}"
         path = f"{outer.path}/{type(machine).table.path}"
         seat = Seat(machine, self._control, name, path, outer.renamed, {})
         seat.inner = seat.called = True

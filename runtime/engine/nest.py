@@ -19,7 +19,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request, Status
 from llfsm.runtime.engine.ringlet import BoundState
-from llfsm.runtime.engine.state import Runs, State
+from llfsm.runtime.engine.state import State
 from llfsm.runtime.engine.submachine import InnerSeat, Submachine, Submachines
 
 
@@ -29,6 +29,8 @@ class Nested(InnerSeat, Protocol):
     current: BoundState
     suspension: BoundState
     children: list[Any]
+    parking: bool
+    """Whether it is out of the arrangement, and may be returned to it."""
 
     @property
     def suspended(self) -> bool:
@@ -37,11 +39,11 @@ class Nested(InnerSeat, Protocol):
     def schedule(self, request: Request) -> Status:
         """Replace the request."""
 
-    def begin(self, runs: Runs) -> Any:
+    def begin(self, state: State, number: int) -> Any:
         """Load what a state runs into a seat of its own, and return that."""
 
     def halt(self) -> None:
-        """Suspend the machine now, its suspended ringlet included."""
+        """Suspend the machine now: OnSuspend runs, and the next turn is in the suspend state."""
 
     def park(self) -> None:
         """Suspend the machine now and take it out of the arrangement, to be returned to it."""
@@ -128,8 +130,10 @@ class Nest(Generic[S]):
             run.parked.clear()
             return
         run = self._runs[bound] = Run(state)
-        for each in state.runs:  # one by one: those before one that cannot be loaded must end
-            run.seats.append(outer.begin(each))
+        for number in range(
+            len(state.runs)
+        ):  # one by one: if one cannot be loaded, others must end
+            run.seats.append(outer.begin(state, number))
             outer.children.append(run.seats[-1])
 
     def check(self, bound: BoundState) -> None:
@@ -142,7 +146,8 @@ class Nest(Generic[S]):
                     f"{seat.name} {what}, and no transition is for that",
                     *(self._outer.name, bound.name, "runs", None, None),
                 )
-                error.__cause__ = view.error
+                if isinstance(view.error, BaseException):  # else nobody knows it
+                    error.__cause__ = view.error
                 raise error
 
     def halt(self, bound: BoundState) -> None:
@@ -184,7 +189,8 @@ class Nest(Generic[S]):
             self._end_calls(bound)
         if not keep:
             for run in self._runs.values():
-                run.parked.clear()
+                while run.parked:
+                    run.parked.pop().parking = False
 
     def _end_calls(self, bound: BoundState) -> None:
         while called := self._called.get(bound):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Set
-from itertools import count
 from typing import Generic, Protocol, TypeVar
 
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Standing
 from llfsm.runtime.engine.ringlet import BoundState
+from llfsm.runtime.engine.table import numbered_names
 
 
 class Seated(Protocol):
@@ -32,12 +32,6 @@ class Seated(Protocol):
 
 
 S = TypeVar("S", bound=Seated)
-
-
-def numbered_names(name: str) -> Iterator[str]:
-    """Yield the names for machines called `name`, as `P`, `P.0`, `P.1` … for `P`."""
-    yield name
-    yield from (f"{name}.{number}" for number in count())
 
 
 class Roster(Generic[S]):

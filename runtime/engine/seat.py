@@ -19,7 +19,7 @@ from llfsm.runtime.engine.events import Request, Standing, Status, Turn
 from llfsm.runtime.engine.nest import Nest
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import BoundState, SeatFields, defined_ringlet
-from llfsm.runtime.engine.state import Runs, State
+from llfsm.runtime.engine.state import State
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -244,13 +244,15 @@ class Seat(SeatFields):
         bound = self.states[state]
         return self.nest.work(self.declared(bound), bound)
 
-    def begin(self, runs: Runs) -> Seat:
+    def begin(self, state: State, number: int) -> Seat:
         """Load what a state runs into a seat of its own, and return that."""
         if self.depth == _MOST_DEEP:
             raise LoadError(
                 f"{self.name} is {_MOST_DEEP} machines deep: do their states run each other?"
             )
-        return self.control.loader.begin(self, runs)
+        runs = state.runs[number]
+        made = runs if isinstance(runs, str | type) else runs(self.machine)
+        return self.control.loader.begin(self, state, number, made)
 
     def leave(self) -> None:
         """Unload the machine if it is loaded."""
@@ -258,8 +260,18 @@ class Seat(SeatFields):
             self.kernel.unload(self, None)
 
     def halt(self) -> None:
-        """Suspend the machine now, its suspended ringlet included."""
-        self.kernel.abandon(self, self.caller)
+        """Suspend the machine now: OnSuspend runs, and the next turn is in the suspend state."""
+        state, self.request = self.current, None
+        self.suspend()
+        self.previous = None  # so that the next ringlet does not run OnSuspend again
+        try:
+            if state.on_suspend is not None:
+                state.on_suspend(self.machine)
+        except BaseException as error:
+            explained = self.explain(state, state.on_suspend, error)
+            if not isinstance(explained, ExecutionError):
+                raise
+            self.kernel.fail(self, explained)
 
     def park(self) -> None:
         """Suspend the machine now and take it out of the arrangement, to be returned to it."""

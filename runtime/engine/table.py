@@ -11,6 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
+from itertools import count, islice
 from types import FunctionType, MappingProxyType
 from typing import Any, ClassVar, Final, ForwardRef, NamedTuple, TypeAlias, get_origin
 
@@ -158,6 +159,19 @@ class Table:
                 todo += [each.table for each in inner]
         return [*names]
 
+    def inner_name(self, state: State, number: int, name: str) -> str:
+        """Return the name of the machine `name` that a state runs, without that of the outer one.
+
+        It is the same in all runs. One that is declared after others of its name has a number.
+        """
+        before = 0
+        for each in self.states:
+            for place, runs in enumerate(each.runs):
+                if each.name == state.name and place == number:
+                    return next(islice(numbered_names(name), before, None))
+                before += any(cls.__name__ == name for cls in run_by(runs))
+        return name
+
     @property
     def slots(self) -> list[str]:
         """The names of the slots that the machine uses, each once."""
@@ -204,6 +218,12 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
         state.owner = cls
     _warn_of_unreachable(cls, table)
     return table
+
+
+def numbered_names(name: str) -> Iterator[str]:
+    """Yield the names for machines called `name`, as `P`, `P.0`, `P.1` … for `P`."""
+    yield name
+    yield from (f"{name}.{number}" for number in count())
 
 
 def run_by(runs: Runs) -> list[Any]:

@@ -18,10 +18,15 @@ import msgspec
 from llfsm.errors import one_line
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.roster import numbered_names
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
-from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
+from llfsm.runtime.engine.table import (
+    MachineLayout,
+    StateBox,
+    Table,
+    TransitionPath,
+    numbered_names,
+)
 from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import is_live
 from llfsm.runtime.presence.will import Will, vacate_executed
