@@ -37,7 +37,6 @@ class Bindable(Nested, Protocol):
     def kernel(self) -> Emitting:
         """The kernel."""
 
-    states: dict[str, BoundState]
     nest: Nest[Any]
     now: Callable[[], int]
     entered_ns: int

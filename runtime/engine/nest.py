@@ -13,8 +13,8 @@ nothing.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Collection, Mapping
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request, Status
@@ -26,7 +26,13 @@ from llfsm.runtime.engine.submachine import InnerSeat, Submachine, Submachines
 class Nested(InnerSeat, Protocol):
     """A seat, as the nest of its outer machine's and its own know it."""
 
+    name: str
+    machine: Any
+    accepted: bool
+    taken: bool
+    left: bool
     current: BoundState
+    states: dict[str, BoundState]
     suspension: BoundState
     children: list[Any]
     parking: bool
@@ -55,6 +61,16 @@ class Nested(InnerSeat, Protocol):
 S = TypeVar("S", bound=Nested)
 
 
+class RunStanding(NamedTuple):
+    """How a run stands: its state, whether that was left, and names of machines."""
+
+    state: str
+    over: bool
+    seats: tuple[str, ...]
+    halted: tuple[str, ...]
+    parked: tuple[str, ...]
+
+
 class Run(Generic[S]):
     """What a state runs, from its OnEntry on."""
 
@@ -75,6 +91,13 @@ class Run(Generic[S]):
         each = tuple(map(Submachine[Any], self.seats))
         return Submachines(each) if self._several else each[0] if each else Submachine(None)
 
+    def standing(self, state: str) -> RunStanding:
+        """How it stands, by names."""
+        seats, halted, parked = (
+            tuple([seat.name for seat in each]) for each in (self.seats, self.halted, self.parked)
+        )
+        return RunStanding(state, self.over, seats, halted, parked)
+
     @property
     def done(self) -> bool:
         """True if all have accepted."""
@@ -92,6 +115,27 @@ class Nest(Generic[S]):
     def work(self, state: State, bound: BoundState) -> Submachine[Any] | Submachines:
         """Return what a state runs, or has run last."""
         return (self._runs.get(bound) or Run[S](state)).view
+
+    @property
+    def standing(self) -> tuple[RunStanding, ...]:
+        """How its runs stand, by names."""
+        return tuple([run.standing(bound.name) for bound, run in self._runs.items()])
+
+    def restore(
+        self, standing: tuple[RunStanding, ...], states: Mapping[str, State], seats: Mapping[str, S]
+    ) -> None:
+        """Let its runs stand as they did, by all states of the machine and all seats by name."""
+        self._runs.clear()
+        for name, over, each, halted, parked in standing:
+            run = self._runs[self._outer.states[name]] = Run(states[name])
+            run.over = over
+            run.seats, run.halted, run.parked = (
+                [seats[inner] for inner in names] for names in (each, halted, parked)
+            )
+
+    def seats(self, bound: BoundState) -> list[S]:
+        """List the seats of what a state runs, or has run last."""
+        return self._runs[bound].seats if bound in self._runs else []
 
     def runs(self, bound: BoundState) -> bool:
         """Check that a state runs anything, and was entered."""
@@ -130,9 +174,7 @@ class Nest(Generic[S]):
             run.parked.clear()
             return
         run = self._runs[bound] = Run(state)
-        for number in range(
-            len(state.runs)
-        ):  # one by one: if one cannot be loaded, others must end
+        for number in range(len(state.runs)):  # each one must end if the next cannot be loaded
             run.seats.append(outer.begin(state, number))
             outer.children.append(run.seats[-1])
 

@@ -30,12 +30,25 @@ class Raised(Protocol):
 class InnerSeat(Protocol):
     """What is known of the seat of a machine inside another one."""
 
-    name: str
-    machine: Any
-    accepted: bool
-    taken: bool
-    left: bool
-    """Whether it has ended because its state was left."""
+    @property
+    def name(self) -> str:
+        """The name under which it was loaded."""
+
+    @property
+    def machine(self) -> Any:
+        """The machine."""
+
+    @property
+    def accepted(self) -> bool:
+        """True if it has accepted."""
+
+    @property
+    def taken(self) -> bool:
+        """True if it is loaded."""
+
+    @property
+    def left(self) -> bool:
+        """True if it has ended because its state was left."""
 
     @property
     def failure(self) -> Raised | None:

@@ -22,6 +22,7 @@ from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Failure, Seat
+from llfsm.runtime.verification._inner import InnerLoader
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -56,7 +57,7 @@ Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
 
 GiveTurns: TypeAlias = Callable[[Iterable[Seat]], bool]
 """Gives seats their turns; True if a transition fired in any."""
-_Standing: TypeAlias = tuple[Any, Any, Any, Request | None, bool, bool, bool, bool]
+_Standing: TypeAlias = tuple[Any, ...]
 """A control state with the bound states themselves: where a seat stands."""
 
 
@@ -100,7 +101,9 @@ class _ExploredKernel(Kernel):
         """Keep what a machine's code raised, with which all ends; or suspend the machine."""
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
             raise error.__cause__
-        if self.on_error == "stop" or seat.name in self.environment.watchers:
+        if (self.on_error == "stop" and seat.caller is None) or (
+            seat.name in self.environment.watchers
+        ):
             self.error = error
             return
         self.raised_in = seat.previous
@@ -138,11 +141,16 @@ class Ringlets(Control):
         self._complete = False
         for member in members:
             member.load(self)
+        self.loader: InnerLoader = InnerLoader(self, self.environment)
         self._complete = True
-        self.seats: tuple[Seat, ...] = tuple(self.roster)
+        self.seats = self.loader.with_inner(self.roster)
         self.places = {seat.name: number for number, seat in enumerate(self.seats)}
         self.environment.members = self.places.keys()
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
+        self.inner = [n for n, seat in enumerate(self.seats) if seat.caller is not None]
+        """The places of what states run."""
+        self.kept: set[int] = set()
+        """Those whose variables matter after they have ended."""
         for seat in self.seats:
             require_explorable(type(seat.machine))
         self.controls = [Codes() for _ in self.seats]
@@ -157,6 +165,9 @@ class Ringlets(Control):
             [(name, ports[name]) for name in type(seat.machine).table.actuators]
             for seat, ports in zip(self.seats, self._ports, strict=True)
         ]
+        self.loader.ports = dict(zip(self.places, self._ports, strict=True))
+        self._by_name = {seat.name: seat for seat in self.seats}
+        self._states = [{each.name: each for each in seat.table.states} for seat in self.seats]
         self._no_variables = [ports.keys() | {"stopping"} for ports in self._ports]
         self._standings: list[dict[_Standing, int]] = [{} for _ in self.seats]
         """For each machine, the numbers of its control states, as a seat has them."""
@@ -190,17 +201,22 @@ class Ringlets(Control):
         machine that `others` lacks, and `TimeUpError` after the deadline.
         """
         self.deadline.check()
-        place, control, _, elapsed_ns, contents, others, request, stopping = given
+        place, control, _, elapsed_ns, contents, others, inner, request, stopping = given
         environment, seat = self.environment, self.seats[place]
+        copy = other_copy if copied else deepcopy
         for other, its in others:
             self._set_control(other, its)
+            if self.seats[other].entered_ns != NEVER:
+                self.seats[other].entered_ns = environment.entered_elsewhere
+        for other, its in inner:
+            self._set_variables(other, its, copy, stopping=stopping)
         was: ControlState = self.controls[place].values[control]
         self._set_control(place, control)
         if request is not None:
             if was.withdrawn_by(request):
                 seat.schedule(Request.SUSPEND)
             seat.schedule(request)
-        self._set_variables(given, other_copy if copied else deepcopy)
+        self._set_variables(place, given.variables, copy, stopping=stopping)
         self.kernel.stopping = stopping
         for slot, content in contents:
             message = self.messages[slot].values[content]
@@ -210,30 +226,35 @@ class Ringlets(Control):
         self.executed += 1
         fired = (turns or self.kernel.give_turns)((seat,))
         self._check_ports(place)
-        asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
-        if environment.refusal is not None:
-            raise environment.refusal
         error = self.kernel.error
         clock_state = self.kernel.raised_in or seat.previous
+        way = _fired(seat, clock_state) if fired and clock_state is not None else None
+        restarts = seat.entered_ns != environment.entered or seat.current is not clock_state
+        if self.inner:
+            self._forget_ended(place, environment.touched)
+        asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
+        looked, parts = self._looked(place, dict(inner)) if environment.looked else ((), ())
+        if environment.refusal is not None:
+            raise environment.refusal
         return RingletOutcome(
             environment.low_ns,
             environment.high_ns,
             asked,
+            looked,
             self._control_of(place),
             self._variables_of(place),
-            seat.entered_ns != environment.entered
-            or seat.current is not clock_state
-            or not seat.taken,
+            restarts or not seat.taken,
             self._numbered(environment.posted),
             self._numbered(environment.found) if environment.found else (),
             changed,
+            parts,
             tuple(
                 [
                     (clock_state.name if entered and clock_state else was.current, limit)
                     for entered, limit in environment.limits
                 ]
             ),
-            _fired(seat, clock_state) if fired and clock_state is not None else None,
+            way,
             0 if error is None else self.errors.code(str(error), error),
         )
 
@@ -247,10 +268,33 @@ class Ringlets(Control):
         known = self.environment.touched & self.places.keys()  # others are refused
         touched = sorted({self.places[name] for name in known} - {place})
         if not others.keys() >= set(touched):
-            raise UnknownControlError({*touched})
+            raise UnknownControlError({*touched}, set(), set())
         after = [(other, self._control_of(other)) for other in touched]
         asked = tuple((other, others[other]) for other in touched)
         return asked, tuple((other, its) for other, its in after if its != others[other])
+
+    def _looked(
+        self, place: int, inner: Mapping[int, int]
+    ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]:
+        """List the inner machines that were looked at or changed, and the variables of both.
+
+        Raise `UnknownControlError` for those whose variables were not given in `inner`.
+        """
+        environment = self.environment
+        looked = {self.places[name] for name in environment.looked}
+        needed = looked - {self.places[name] for name in environment.made}
+        ended = {self.places[name] for name in environment.ended}
+        if not inner.keys() >= needed or ended - self.kept:
+            raise UnknownControlError({*needed}, needed, ended)
+        after = [(other, self._variables_of(other)) for other in sorted(looked)]
+        asked = tuple([(other, inner[other]) for other in sorted(needed)])
+        return asked, tuple([pair for pair in after if inner.get(pair[0]) != pair[1]])
+
+    def _forget_ended(self, place: int, touched: Iterable[str]) -> None:
+        """Forget the inner machines that a ringlet has ended."""
+        for other in {place, *(self.places[name] for name in touched if name in self.places)}:
+            if self.loader.is_forgotten(self.seats[other]):
+                self.loader.forget(self.seats[other], kept=other in self.kept)
 
     def _check_ports(self, place: int) -> None:
         """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
@@ -400,6 +444,8 @@ class Ringlets(Control):
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
         seat.failure = self._failure if control.failed else None
+        seat.left, seat.parking, seat.children = control.left, control.parked, []
+        seat.nest.restore(control.runs, self._states[place], self._by_name)
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:
@@ -416,6 +462,7 @@ class Ringlets(Control):
         standing = (
             *(seat.current, seat.previous, seat.remembered),
             *(seat.request, seat.accepted, seat.taken, begun, seat.failure is not None),
+            *(seat.left, seat.parking, seat.nest.standing),
         )
         number = self._standings[place].get(standing)
         if number is None:
@@ -436,12 +483,14 @@ class Ringlets(Control):
             )
         self._abstract[self.places[machine]][variable] = function
 
-    def _set_variables(self, given: Given, copy: Callable[[Any], Any]) -> None:
-        attributes = vars(self.seats[given.place].machine)
+    def _set_variables(
+        self, place: int, number: int, copy: Callable[[Any], Any], *, stopping: bool
+    ) -> None:
+        attributes = vars(self.seats[place].machine)
         attributes.clear()
-        attributes.update(self._ports[given.place])
-        attributes["stopping"] = given.stopping
-        values, has_parts = self.variables[given.place].values[given.variables]
+        attributes.update(self._ports[place])
+        attributes["stopping"] = stopping
+        values, has_parts = self.variables[place].values[number]
         attributes.update(copy(values) if has_parts else values)
 
     def _variables_of(self, place: int) -> int:

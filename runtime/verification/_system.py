@@ -46,7 +46,8 @@ _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
 _Key: TypeAlias = tuple[int, int, int, tuple[tuple[str, int], ...], Request | None, bool]
 """The inputs of a kept ringlet, but for time and others, which it may not have asked for."""
-_Kept: TypeAlias = tuple[int, tuple[tuple[int, int], ...], RingletOutcome]
+_Numbers: TypeAlias = tuple[tuple[int, int], ...]
+_Kept: TypeAlias = tuple[int, _Numbers, _Numbers, RingletOutcome]
 
 
 class RelearnError(Exception):
@@ -107,8 +108,10 @@ class System:
         """For each machine and state, the times that are asked about in it."""
         self.mentions: list[set[int]] = [set() for _ in self.names]
         """For each machine, those whose control state it asks for or changes."""
-        self.leavers: set[int] = set()
-        """The machines that were found to leave the arrangement."""
+        self.looks: list[set[int]] = [set() for _ in self.names]
+        """For each machine, the inner ones whose variables it looks at or changes."""
+        self.leavers = set(self.ringlets.inner)
+        """The machines that were found to leave the arrangement; inner ones are there at times."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
         self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
         """A kept ringlet of each kind: from where to where, by which request and transition."""
@@ -306,24 +309,31 @@ class System:
 
         Raise `RelearnError` if running it has shown more than was known.
         """
-        place, control, variables, elapsed_ns, contents, others, request, stopping = given
+        place, control, variables, elapsed_ns, contents, others, inner, request, stopping = given
         key = place, control, variables, contents, request, stopping
         kept = self._kept.get(key, ())
         if kept:
-            controls = dict(others)
+            controls, values = dict(others), dict(inner)
             for *_, outcome in kept:
-                if outcome.low_ns < elapsed_ns <= outcome.high_ns and all(
-                    controls[other] == its for other, its in outcome.asked
+                if (
+                    outcome.low_ns < elapsed_ns <= outcome.high_ns
+                    and all(controls[other] == its for other, its in outcome.asked)
+                    and all(values[other] == its for other, its in outcome.looked)
                 ):
                     return outcome
         try:
             outcome = self.ringlets.run_ringlet(given)
         except UnknownControlError as error:
             self.mentions[place] |= error.touched
+            self.looks[place] |= error.looked
+            if error.kept:  # until now these were forgotten
+                self.ringlets.kept |= error.kept
+                self._kept.clear()
+                self._kinds.clear()
             raise RelearnError from None
         if outcome.limits:
             self._learn_limits(place, outcome)
-        self._kept[key] = (*kept, (elapsed_ns, others, outcome))
+        self._kept[key] = (*kept, (elapsed_ns, others, inner, outcome))
         kind = (
             *(place, control, request, outcome.control, outcome.others),
             *(outcome.fired, outcome.error, len(outcome.posts)),
@@ -433,9 +443,9 @@ class System:
             few = [*self._kinds.values()][:number]
             keys = random.Random(0).sample(list(self._kept), number - len(few))
         sample = few + [
-            (Given(*key[:3], elapsed_ns, key[3], others, *key[4:]), outcome)
+            (Given(*key[:3], elapsed_ns, key[3], others, inner, *key[4:]), outcome)
             for key in keys
-            for elapsed_ns, others, outcome in self._kept[key]
+            for elapsed_ns, others, inner, outcome in self._kept[key]
         ]
         return sample, len(keys) == len(self._kept)
 

@@ -203,6 +203,8 @@ class Tables:
                 mask |= self._ages[slot].mask
         for other in self.system.mentions[place]:
             mask |= self.controls[other].mask
+        for other in self.system.looks[place]:
+            mask |= self._variables[other].mask
         return mask
 
     def _round_choices(self) -> EffectTable | None:
@@ -322,6 +324,7 @@ class Tables:
             ]
         )
         others = tuple([(other, self.controls[other].of(key)) for other in system.mentions[place]])
+        inner = tuple([(other, self._variables[other].of(key)) for other in system.looks[place]])
         stopping = self.stopping(key)
         for choice in self._choices[place][stopping]:
             slots, request, stop = choice
@@ -329,7 +332,8 @@ class Tables:
             outcome = system.outcome(
                 Given(
                     *(place, control, variables, elapsed_ns),
-                    *(contents, others, request, stopping or stop),
+                    *(contents, others, inner),
+                    *(request, stopping or stop),
                 )
             )
             yield choice, contents, outcome
@@ -359,6 +363,8 @@ class Tables:
             values["control", self.system.names[other]] = its
             if not self._has_limits(other, its):
                 mask |= self._elapsed[other].mask
+        for other, its in outcome.inner:
+            values["variables", self.system.names[other]] = its
         for slot, content in (*choice.contents, *outcome.posts):
             if slot in self._slots:
                 values["slot", slot] = content

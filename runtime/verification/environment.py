@@ -29,16 +29,23 @@ from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import AgedRead, Elsewhere
+    from llfsm.runtime.engine.nest import RunStanding
     from llfsm.runtime.engine.ports import Actuator, Sensor
     from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard import Slot
 
 
 class UnknownControlError(Exception):
-    """A ringlet asked for the control states of machines, `touched`, that it was not given."""
+    """A ringlet asked for more of machines than it was given.
 
-    def __init__(self, touched: set[int]):
+    That is the control states of those in `touched`, the variables of inner ones in `looked`, and
+    those that inner ones in `kept` had when they ended.
+    """
+
+    def __init__(self, touched: set[int], looked: set[int], kept: set[int]):
         self.touched = touched
+        self.looked = looked
+        self.kept = kept
 
 
 class ControlState(NamedTuple):
@@ -54,6 +61,12 @@ class ControlState(NamedTuple):
     """True once it has had a turn."""
     failed: bool = False
     """True if its code has raised, it was suspended for that, and not resumed since."""
+    left: bool = False
+    """True if the state that ran it was left before it was done."""
+    parked: bool = False
+    """True if it goes on when that state is entered again."""
+    runs: tuple[RunStanding, ...] = ()
+    """What its own states run, or have run last."""
 
     @classmethod
     def of(cls, seat: Seat) -> Self:
@@ -67,6 +80,9 @@ class ControlState(NamedTuple):
             seat.taken,
             seat.entered_ns != NEVER,
             seat.failure is not None,
+            seat.left,
+            seat.parking,
+            seat.nest.standing,
         )
 
     def withdrawn_by(self, request: Request | None) -> bool:
@@ -83,7 +99,8 @@ class Given(NamedTuple):
     """All that a ringlet can depend on: the machine's place, and the rest by numbers.
 
     `contents` are the slots that it reads, `others` the machines whose control states it asks for
-    or changes. `request` comes from outside before the turn; `stopping` is True if a stop has come.
+    or changes, and `inner` those whose variables it looks at. `request` comes from outside before
+    the turn; `stopping` is True if a stop has come.
     """
 
     place: int
@@ -92,6 +109,7 @@ class Given(NamedTuple):
     elapsed_ns: int
     contents: tuple[tuple[str, int], ...]
     others: tuple[tuple[int, int], ...]
+    inner: tuple[tuple[int, int], ...]
     request: Request | None
     stopping: bool
 
@@ -100,12 +118,13 @@ class RingletOutcome(NamedTuple):
     """The effects of a ringlet, by numbers.
 
     It has the same effects for all times in the state above `low_ns`, up to `high_ns`, if the
-    machines of `asked` are in these control states.
+    machines of `asked` are in these control states, and those of `looked` have these variables.
     """
 
     low_ns: float
     high_ns: float
     asked: tuple[tuple[int, int], ...]
+    looked: tuple[tuple[int, int], ...]
     control: int
     variables: int
     restarted: bool
@@ -115,6 +134,8 @@ class RingletOutcome(NamedTuple):
     """What its sensors found of its own posts, by slot: a request's come before the snapshot."""
     others: tuple[tuple[int, int], ...]
     """The machines whose control state it changed, and the new one."""
+    inner: tuple[tuple[int, int], ...]
+    """The machines whose variables it changed, and the new ones."""
     limits: tuple[tuple[str, int], ...]
     """The times that it compared with the time in a state, with that state, in order."""
     fired: tuple[str, int] | None
@@ -142,6 +163,12 @@ class ExploredEnvironment(Environment):
         """What its sensors found of them."""
         self.touched: set[str] = set()
         """The names of the machines whose control state it asked for or changed."""
+        self.looked: set[str] = set()
+        """The names of the inner machines whose variables it looked at or changed."""
+        self.made: set[str] = set()
+        """The names of those that it made or ended, so that what they were does not matter."""
+        self.ended: set[str] = set()
+        """The names of those that it looked at though they had ended."""
         self.limits: dict[tuple[bool, int], None] = {}
         """The times in ns, none below 0, that it compared the time in its state with, in order.
 
@@ -155,6 +182,8 @@ class ExploredEnvironment(Environment):
         self._elapsed_ns: int | None = None
         self.entered: Any = _Moment(self, entered=True)
         """The moment at which the machine on turn has entered its state."""
+        self.entered_elsewhere: Any = _Moment(self, entered=True, elsewhere=True)
+        """The moment at which another machine has."""
 
     def begin(self, machine: str, elapsed_ns: int | None) -> None:
         """Prepare for a ringlet of `machine`.
@@ -162,7 +191,7 @@ class ExploredEnvironment(Environment):
         It has been in its state for `elapsed_ns`; None if it is about to enter it.
         """
         self.posted, self.found = {}, {}
-        self.touched = set()
+        self.touched, self.looked, self.made, self.ended = set(), set(), set(), set()
         self.limits = {}
         self.low_ns, self.high_ns = -inf, inf
         self.refusal = None
@@ -263,6 +292,18 @@ class ExploredEnvironment(Environment):
             )
         self.touched.add(machine)
 
+    def look_at(self, machine: str, *, ended: bool = False) -> None:
+        """Note that the variables of an inner machine are looked at, or may be changed."""
+        self.looked.add(machine)
+        if ended:
+            self.ended.add(machine)
+
+    def make(self, machine: str) -> None:
+        """Note that an inner machine gets new variables."""
+        if machine not in self.looked:
+            self.looked.add(machine)
+            self.made.add(machine)
+
 
 class _Aged:
     """Read a sensor whose message may be too old; refuse the question how old it is."""
@@ -309,15 +350,19 @@ class _Opaque:
 
 
 class _Moment(_Opaque):
-    """Now or, with `entered`, when the machine on turn entered its state."""
+    """Now or, with `entered`, when the machine on turn, or `elsewhere`, entered its state."""
 
-    def __init__(self, environment: ExploredEnvironment, *, entered: bool):
+    def __init__(self, environment: ExploredEnvironment, *, entered: bool, elsewhere: bool = False):
         super().__init__(environment)
-        self.entered = entered
+        self.entered, self.elsewhere = entered, elsewhere
 
     def __sub__(self, other: object) -> _Elapsed:
         if self.entered or not (isinstance(other, _Moment) or other == NEVER):
             self._refuse()
+        if isinstance(other, _Moment) and other.elsewhere:
+            self._environment.refuse(
+                "runs a machine whose OnSuspend asks for the time: this cannot be explored"
+            )
         just_entered = isinstance(other, _Moment) and not other.entered
         return _Elapsed(self._environment, just_entered=just_entered)
 

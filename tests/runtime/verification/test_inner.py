@@ -1,0 +1,291 @@
+"""What states run is explored as part of their machines: as many states as in real runs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from llfsm.runtime import Actuator, Machine, Sensor, State, Submachine
+from llfsm.runtime.counterexamples import story_of
+from llfsm.runtime.engine.machine import define
+from llfsm.runtime.verification import (
+    PropertyError,
+    UnsupportedError,
+    always,
+    explore,
+    leads_to,
+    never,
+    reachable,
+    verify,
+)
+from llfsm.runtime.verification.properties import NO_FAILURE
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Bool, Int32
+from replaying_explorer import replayed
+from thoroughness import examples
+
+DOOR, OUT = Slot("door", Bool), Slot("out", Int32)
+DOORS = [Bool(data=False), Bool(data=True)]
+
+# Each machine is data: what it does in a turn, when it leaves its first state, and what that runs.
+leads = st.lists(
+    st.tuples(
+        st.sampled_from(["done", "failed", "count", "door", "time", "looks"]),
+        st.sampled_from([0, 10, 25]),
+        st.integers(0, 1),
+    ),
+    max_size=2,
+)
+levels = st.fixed_dictionaries(
+    {
+        "leads": leads,
+        "second": st.lists(st.sampled_from(["back", "time"]), max_size=1),
+        "history": st.booleans(),
+        "counts": st.integers(0, 2),
+        "fails": st.sampled_from([None, None, 1]),
+        "posts": st.booleans(),
+    }
+)
+worlds = st.tuples(
+    levels,
+    levels,
+    levels,
+    st.sampled_from(["bottom", "middle", "both", "two", "twice"]),
+    st.sampled_from([[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"]]),
+)
+
+
+def made(name: str, spec: dict[str, Any], inner: list[Any]) -> type[Machine]:
+    """Make the class of a machine whose first state runs `inner`."""
+    first = State("A", runs=inner or None, history=spec["history"])
+    second, last = State("B"), State("C")
+    targets = [second, last]
+
+    def begin(machine: Any) -> None:
+        if spec["posts"]:
+            machine.out(Int32(data=machine.count))
+
+    def count(machine: Any) -> None:
+        if machine.count == spec["fails"]:
+            raise ValueError("on purpose")
+        machine.count = min(machine.count + 1, spec["counts"])
+
+    first.on_entry(begin)
+    first.internal(count)
+    for kind, ms, target in spec["leads"]:
+        to = targets[target]
+        if kind in ("done", "failed"):
+            if inner:
+                first.to(to, when_done=kind == "done", when_failed=kind == "failed")
+        elif kind == "count":
+            first.to(to, when=lambda machine: machine.count >= spec["counts"])
+        elif kind == "door":
+            first.to(to, when=lambda machine: machine.door is not None and machine.door.data)
+        elif kind == "time":
+            first.to(to, after_ms=ms)
+        elif inner:
+            first.to(to, when=lambda m: any(each.machine.count for each in m._seat.work("A").each))
+    for kind in spec["second"]:
+        if kind == "back":
+            second.to(first, when=lambda machine: machine.count > 0)
+        else:
+            second.to(first, after_ms=10)
+    ports = {"door": Sensor(DOOR), "out": Actuator(OUT, at_suspend=Int32(data=-1))}
+    return define(name, [first, second, last], variables={"count": (int, 0)}, attributes=ports)
+
+
+@pytest.fixture(scope="module")
+def _quiet() -> Iterator[None]:
+    """Log no failures: there are thousands, on purpose."""
+    logging.disable()
+    yield
+    logging.disable(logging.NOTSET)
+
+
+@settings(max_examples=examples(40))
+@given(world=worlds)
+@pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
+@pytest.mark.usefixtures("_quiet")
+def test_random_machines_have_as_many_states_as_replayed_runs(world: Any) -> None:
+    top, middle, bottom, shape, suspend = world
+    lowest = made("Bottom", bottom, [])
+    between = made("Middle", middle, [lowest])
+
+    def make(machine: Any) -> Machine:
+        return between(count=min(machine.count, 1))
+
+    runs: list[Any] = {
+        "bottom": [lowest],
+        "middle": [between],
+        "both": [between, lowest],
+        "two": [lowest, lowest],
+        "twice": [make],
+    }[shape]
+    outer = made("Top", top, runs)
+    names = {"Top", "Top/Middle", "Top/Middle/Bottom"} if runs[0] is not lowest else {"Top"}
+    asked = [name for name in suspend if name in names]
+    explored = explore(
+        outer,
+        period_ms=10,
+        sensors={DOOR: DOORS},
+        on_error="suspend",
+        suspend=asked,
+        max_states=250,
+    )
+    if not explored.complete:
+        return  # too large to be replayed
+    found = replayed([outer], period_ms=10, domains={"door": DOORS}, suspend=asked)
+    assert (explored.states, explored.transitions) == found
+
+
+class Drive(Machine):
+    """Drives for some turns, and fails if it is told to."""
+
+    to: int = 2
+    turns: int = 0
+    post = Actuator(OUT, at_suspend=Int32(data=0), at_end=Int32(data=0))
+    go, over = State(), State()
+
+    @go.internal
+    def _(self) -> None:
+        self.turns += 1
+        self.post(Int32(data=1))
+
+    go.to(over, when=lambda self: self.turns >= self.to)
+
+
+class Mission(Machine):
+    """Drives twice, and remembers how far."""
+
+    door = Sensor(DOOR, default=Bool())
+    far: int = 0
+    out = State(runs=lambda self: Drive(to=2))
+    home = State(runs=lambda self: Drive(to=self.far))
+    rest = State()
+    out.to(home, when_done=True)
+    home.to(rest, when_done=True)
+    home.to(rest, when=lambda self: self.door.data)
+
+    @home.on_entry
+    def _(self) -> None:
+        self.far = self.out.machine.turns
+
+
+NAMES = ["Mission", "Mission/Drive", "Mission/Drive.0"]
+
+
+def test_properties_speak_of_them_by_name() -> None:
+    verify(
+        Mission,
+        never(lambda v: v["Mission/Drive"].loaded and v["Mission/Drive.0"].loaded),
+        always(lambda v: v.Mission.state == "out" or not v["Mission/Drive"].loaded),
+        always(lambda v: v[OUT].data == 0 or any(v[name].loaded for name in NAMES[1:])),
+        reachable(lambda v: v["Mission/Drive.0"].turns == 2),
+        leads_to(lambda v: v.Mission.state == "out", lambda v: v.Mission.state == "rest"),
+        period_ms=10,
+        sensors={DOOR: DOORS},
+    )
+
+
+def test_at_any_time_too() -> None:
+    verify(
+        Mission,
+        always(lambda v: v.Mission.state == "out" or not v["Mission/Drive"].loaded),
+        sensors={DOOR: DOORS},
+    )
+
+
+def test_a_counterexample_is_a_run_of_real_machines() -> None:
+    with pytest.raises(PropertyError) as raised:
+        verify(
+            Mission,
+            never(lambda v: v["Mission/Drive.0"].turns == 2),
+            period_ms=10,
+            sensors={DOOR: DOORS},
+        )
+    text = str(raised.value)
+    assert "Mission/Drive.0" in text
+    assert "violated after" in text
+
+
+def test_a_failure_that_is_not_handled_is_found() -> None:
+    class Breaks(Machine):
+        a = State()
+
+        @a.on_entry
+        def _(self) -> None:
+            raise ValueError("on purpose")
+
+    class Careless(Machine):
+        work = State(runs=Breaks)
+        over = State()
+        work.to(over, when_done=True)
+
+    class Careful(Careless):
+        Careless.work.to(Careless.over, when_failed=True)
+
+    verify(Careful, period_ms=10)
+    space = explore(Careless, period_ms=10, properties=[NO_FAILURE])
+    (verdict,) = space.verdicts
+    assert verdict.witness is not None
+    story = "\n".join(story_of(space, verdict.witness))
+    assert "Careless/Breaks  " in story
+    assert "fails in runs: " in story
+
+
+def test_what_is_only_known_when_it_is_made_is_refused() -> None:
+    makers: dict[str, type[Machine]] = {"drive": Drive}
+
+    class Hides(Machine):
+        work = State(runs=lambda self: makers["drive"]())
+
+    class Names(Machine):
+        work = State(runs="Drive")
+
+    for machine in (Hides, Names):
+        with pytest.raises(UnsupportedError, match=r"\.work runs what is only known when it is"):
+            explore(machine, period_ms=10)
+
+
+def test_a_machine_that_runs_itself_is_refused() -> None:
+    class Again(Machine):
+        work = State(runs=lambda self: Again())
+
+    with pytest.raises(UnsupportedError, match="inside of itself"):
+        explore(Again, period_ms=10)
+
+
+def test_one_that_could_read_sensors_as_it_is_suspended_is_refused() -> None:
+    class Reads(Machine):
+        door = Sensor(DOOR)
+        seen: bool = False
+        a = State(final=False)
+
+        @a.on_suspend
+        def _(self) -> None:
+            self.seen = self.door is not None
+
+    class Runs(Machine):
+        work = State(runs=Reads)
+
+    explore(Runs, period_ms=10, sensors={DOOR: DOORS})
+    with pytest.raises(UnsupportedError, match="whose OnSuspend could read sensors"):
+        explore(Runs, period_ms=10, sensors={DOOR: DOORS}, suspend=["Runs"])
+
+
+def test_what_was_polled_is_no_data() -> None:
+    class Keeps(Machine):
+        kept: Submachine[Drive] | None = None
+        work = State(runs=Drive)
+
+        @work.internal
+        def _(self) -> None:
+            self.kept = self.work
+
+    with pytest.raises(UnsupportedError, match="only data can be explored"):
+        explore(Keeps, period_ms=10)
