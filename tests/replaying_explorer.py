@@ -103,7 +103,8 @@ class Replay:
             explorer.machines, environment=self.world, on_error=explorer.on_error
         )
         self.kernel = self.arrangement.kernel
-        self.kernel._turn = self.turn
+        self.kernel.unobserved = self.turn  # type: ignore[method-assign]
+        self.kernel.bind_all()
         self.outermost = list(self.arrangement.roster)
         self.begun_in = ""
         self.now_on_turn = ""
@@ -272,7 +273,7 @@ def replayed(
 
 def look(inner: Submachine[Any]) -> Any:
     """Return the machine, and note if it has ended."""
-    seat: Any = inner._seat
+    seat: Any = vars(inner)["_seat"]
     if not (seat.taken or seat.parking):
         LOOKED.add(seat.name)
     return seat.machine

@@ -62,7 +62,7 @@ S = TypeVar("S", bound=Nested)
 
 
 class RunStanding(NamedTuple):
-    """How a run stands: its state, whether that was left, and names of machines."""
+    """The standing of a run: its state, whether that was left, and names of machines."""
 
     state: str
     over: bool
@@ -72,7 +72,7 @@ class RunStanding(NamedTuple):
 
 
 class Run(Generic[S]):
-    """What a state runs, from its OnEntry on."""
+    """The machines that a state runs, from its OnEntry on."""
 
     def __init__(self, state: State):
         self.seats: list[S] = []
@@ -87,12 +87,12 @@ class Run(Generic[S]):
 
     @property
     def view(self) -> Submachine[Any] | Submachines:
-        """What code of the outer machine sees."""
+        """The machines, as code of the outer one sees them."""
         each = tuple(map(Submachine[Any], self.seats))
         return Submachines(each) if self._several else each[0] if each else Submachine(None)
 
     def standing(self, state: str) -> RunStanding:
-        """How it stands, by names."""
+        """Return its standing, by names."""
         seats, halted, parked = (
             tuple([seat.name for seat in each]) for each in (self.seats, self.halted, self.parked)
         )
@@ -113,12 +113,12 @@ class Nest(Generic[S]):
         self._runs: dict[BoundState, Run[S]] = {}
 
     def work(self, state: State, bound: BoundState) -> Submachine[Any] | Submachines:
-        """Return what a state runs, or has run last."""
+        """Return the machines that a state runs, or has run last."""
         return (self._runs.get(bound) or Run[S](state)).view
 
     @property
     def standing(self) -> tuple[RunStanding, ...]:
-        """How its runs stand, by names."""
+        """The standings of its runs, by names."""
         return tuple([run.standing(bound.name) for bound, run in self._runs.items()])
 
     def restore(

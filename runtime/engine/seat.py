@@ -227,7 +227,7 @@ class Seat(SeatFields):
 
     @property
     def depth(self) -> int:
-        """How many machines it is inside of."""
+        """The number of machines that it is inside of."""
         return self.caller.depth + 1 if self.inner and self.caller is not None else 0
 
     # What its nest and that of its outer machine ask of it
@@ -240,7 +240,7 @@ class Seat(SeatFields):
                 child.ask_to_stop()
 
     def work(self, state: str) -> Submachine[Any] | Submachines:
-        """Return what a state runs, or has run last."""
+        """Return the machines that a state runs, or has run last."""
         bound = self.states[state]
         return self.nest.work(self.declared(bound), bound)
 
@@ -382,7 +382,7 @@ class Seat(SeatFields):
         self.taken = True
 
     def snapshot(self) -> list[tuple[str, Any]]:
-        """Return what each sensor of the machine shows."""
+        """Return the value of each sensor of the machine."""
         return [(sensor, getattr(self.machine, sensor)) for sensor, *_ in self.sensors]
 
     def reload(self, machine: Machine) -> None:

@@ -20,7 +20,7 @@ class Polled:
 
 
 class Raised(Protocol):
-    """What is known of an error that code of a machine has raised."""
+    """An error that code of a machine has raised."""
 
     @property
     def error(self) -> ExecutionError:
@@ -28,7 +28,7 @@ class Raised(Protocol):
 
 
 class InnerSeat(Protocol):
-    """What is known of the seat of a machine inside another one."""
+    """The seat of a machine inside another one."""
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class InnerSeat(Protocol):
 
     @property
     def failure(self) -> Raised | None:
-        """What its code has raised; None if nothing."""
+        """The error that its code has raised; None if there is none."""
 
     def leave(self) -> None:
         """Unload the machine if it is loaded."""
@@ -115,7 +115,7 @@ class Submachine(Polled, Generic[M_co]):
 
     @property
     def error(self) -> ExecutionError | None:
-        """What its code has raised; None if nothing."""
+        """The error that its code has raised; None if there is none."""
         failure = None if self._seat is None else self._seat.failure
         return None if failure is None else failure.error
 
@@ -152,5 +152,5 @@ class Submachines(Polled):
 
     @property
     def error(self) -> ExecutionError | None:
-        """What the code of the first of them has raised that has; None if none has."""
+        """The error of the first of them whose code has raised one; None if none has."""
         return next((each.error for each in self.each if each.error is not None), None)

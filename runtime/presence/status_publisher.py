@@ -364,6 +364,8 @@ class StatusPublisher:
 
     def _add(self, name: str) -> PublishedMachine:
         seat = self._roster.find(name)
+        if name in self._entries:  # of one that has just ended
+            self._entries.pop(name).leave()
         entry = self._entries[name] = PublishedMachine(
             self._board, name, seat.machine, seat.safe_values(), self._will_after_ms
         )

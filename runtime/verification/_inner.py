@@ -1,4 +1,4 @@
-"""What states run, in an exploration: each machine that a state may run has a place of its own.
+"""Machines that states run, in an exploration: each that a state may run has a place of its own.
 
 In a run such a machine is made when its state is entered. Here it is there from the start, but not
 loaded; to enter the state gives it the variables of one that is made then. When it ends it is
@@ -147,7 +147,7 @@ class ExploredNest(Nest[Seat]):
             self._environment.ask(seat.name)
 
     def work(self, state: State, bound: BoundState) -> Submachine[Any] | Submachines:
-        """Return what a state runs, or has run last."""
+        """Return the machines that a state runs, or has run last."""
         self._note(bound)
         each = tuple(
             Submachine[Any](_Looked(seat, self._environment)) for seat in self.seats(bound)
@@ -229,7 +229,7 @@ class _Looked:
 
     @property
     def failure(self) -> Raised | None:
-        """What its code has raised."""
+        """The error that its code has raised."""
         return self._seat.failure
 
     def leave(self) -> None:

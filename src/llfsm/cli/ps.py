@@ -7,7 +7,7 @@ import math
 import shlex
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -76,17 +76,18 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
     there = boards(board.directory) if every else ()
     used = (board._replace(name=info.name) for info in there if info.used)
     found = listings(used) if every else [_listing(board, fleet=fleet, host=host)]
-    rows = [(listing, machine) for listing in found for machine in listing.machines]
+    nested = [(each, *row) for each in found for row in depth_first(each.machines)]
+    rows = [(listing, machine) for listing, _, machine in nested]
     if as_json:
         for row in rows:
             echo(json.dumps(_plain(*row)))
         return
     first = ("WHITEBOARD",) if every else ("HOST",) if fleet else ()
     lines: list[tuple[str, ...]] = [(*first, *_HEADS)]
-    for listing, machine in rows:
+    for listing, depth, machine in nested:
         of = listing.hosts.of_machine(machine.name) or machine.status.host
         first = (listing.board,) if every else (of,) if fleet else ()
-        lines.append((*first, *_row(machine)))
+        lines.append((*first, *_row(machine, depth)))
     if not any(machine.status.realtime for _, machine in rows):
         lines = [line[:-1] for line in lines]
     if not rows:
@@ -102,7 +103,7 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
             echo(f"{machine.name} {how} {machine.status.error}")
         if machine.status.refusal:
             echo(f"{machine.name} is not reloaded: {machine.status.refusal}")
-        if machine.status.caller:
+        if machine.status.caller and not machine.name.startswith(f"{machine.status.caller}/"):
             echo(f"{machine.name} is called by {machine.status.caller}")
         for sensor, left_s in _overrides(machine).items():
             until = "until it is released" if left_s is None else f"for {left_s:.0f} s more"
@@ -165,11 +166,27 @@ def require_host(fleet: FleetReader) -> None:
         raise click.ClickException(problem)
 
 
-def _row(machine: RemoteMachine) -> tuple[str, ...]:
+def depth_first(machines: Iterable[RemoteMachine]) -> Iterator[tuple[int, RemoteMachine]]:
+    """Yield how many machines each one is inside of, and each; its own inner ones come next."""
+    inner: dict[tuple[int, str], list[RemoteMachine]] = {}
+    names = set()
+    for each in machines:
+        names.add((each.status.pid, each.name))
+        inner.setdefault((each.status.pid, each.status.caller), []).append(each)
+    outermost = [each for of, group in inner.items() if of not in names for each in group]
+    todo = [(0, each) for each in sorted(outermost, key=lambda each: each.name)[::-1]]
+    while todo:
+        depth, machine = todo.pop()
+        yield depth, machine
+        of = machine.status.pid, machine.name
+        todo += [(depth + 1, each) for each in inner.get(of, ())[::-1]]
+
+
+def _row(machine: RemoteMachine, depth: int) -> tuple[str, ...]:
     status = machine.status
     core = "" if status.cpu < 0 else f" on core {status.cpu}"
     return (
-        machine.name,
+        "  " * depth + machine.name,
         status.state,
         machine.condition,
         f"{machine.in_state_s:.1f} s",
@@ -306,10 +323,10 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
     from rich.table import Table
 
     table = Table.grid(padding=(0, 2))
-    for machine in machines:
+    for depth, machine in depth_first(machines):
         style = _STYLES[machine.condition]
         row: list[RenderableType] = [
-            _shown(machine.name),
+            _shown("  " * depth + machine.name),
             _shown(machine.state, style),
             f"{machine.in_state_s:6.1f} s",
         ]

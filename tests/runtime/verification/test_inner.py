@@ -89,13 +89,13 @@ def made(name: str, spec: dict[str, Any], inner: list[Any]) -> type[Machine]:
         elif kind == "time":
             first.to(to, after_ms=ms)
         elif inner:
-            first.to(to, when=lambda m: any(each.machine.count for each in m._seat.work("A").each))
+            first.to(to, when=lambda m: any(each.count for each in m.first.machines))
     for kind in spec["second"]:
         if kind == "back":
             second.to(first, when=lambda machine: machine.count > 0)
         else:
             second.to(first, after_ms=10)
-    ports = {"door": Sensor(DOOR), "out": Actuator(OUT, at_suspend=Int32(data=-1))}
+    ports = {"first": first, "door": Sensor(DOOR), "out": Actuator(OUT, at_suspend=Int32(data=-1))}
     return define(name, [first, second, last], variables={"count": (int, 0)}, attributes=ports)
 
 
