@@ -275,7 +275,8 @@ class BoardRecorder:
             self._ask_for_variables()
         for polled in self._poller.poll():
             if polled.slot is None or polled.sample is None:
-                self._warn(polled.name, polled.problem)
+                if polled.problem:  # else the name was given up
+                    self._warn(polled.name, polled.problem)
             else:
                 new = polled.name not in self._old
                 self.writer.add(polled.slot, polled.sample, new=new)

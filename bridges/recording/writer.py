@@ -152,8 +152,11 @@ class RecordingWriter(ClosedOnExit):
 
     def add(self, slot: Slot[Any], sample: Sample[Message], *, new: bool = False) -> None:
         """Write a message of a slot; of a `new` one, messages are missed from the first on."""
-        first, _, number = self._seen.get(slot.name, (1 if new else sample.count, 0, 0))
-        self._seen[slot.name] = first, sample.count, number + 1
+        last, number, missed = self._seen.get(slot.name, (0 if new else sample.count - 1, 0, 0))
+        if sample.count <= last:  # the name was given up, and is that of another slot now
+            last = 0
+        missed += sample.count - last - 1
+        self._seen[slot.name] = sample.count, number + 1, missed
         published_ns = sample.stamp_ns + self._offset_ns
         logged_ns = max(published_ns, self.begin_ns + self._offset_ns)
         if slot.type is MachineDefinition:
@@ -204,13 +207,11 @@ class RecordingWriter(ClosedOnExit):
     @property
     def messages(self) -> int:
         """The number of messages of slots that were written."""
-        return sum(number for _, _, number in self._seen.values())
+        return sum(number for _, number, _ in self._seen.values())
 
     def missed(self) -> dict[str, int]:
         """Count the messages of each slot that were replaced before they were read."""
-        return {
-            name: last - first + 1 - number for name, (first, last, number) in self._seen.items()
-        }
+        return {name: missed for name, (_, _, missed) in self._seen.items()}
 
     def close(self) -> None:
         """Complete the file; closing twice is fine."""
@@ -218,7 +219,7 @@ class RecordingWriter(ClosedOnExit):
             return
         try:
             counts = {
-                name: f"{self._seen[name][2]} recorded, {missed} missed"
+                name: f"{self._seen[name][1]} recorded, {missed} missed"
                 for name, missed in self.missed().items()
             }
             if self._journals:

@@ -274,6 +274,11 @@ def _cause(
             parts, value = [f"elapsed > {limit_ms:g} ms"], None
         else:
             parts, value = [elapsed_text(elapsed_ns, limit_ms)], elapsed_ns > limit_ms * 1e6
+    if transition.ends:
+        work = machine._seat.work(state)
+        ends = {f"{state}.{end}": bool(getattr(work, end)) for end in transition.ends}
+        parts.append(" or ".join(f"{end}={has_come}" for end, has_come in ends.items()))
+        value = value and any(ends.values())
     if guard is not None:
         seen, held = f"{transition.label}: more than one expression", None
         if text is not None:

@@ -34,7 +34,7 @@ def to_dot(table: Table, *, title: str | None = None, sections: bool = False) ->
 
 def _content(state: State, sections: bool) -> str:
     content = _text(state.name)
-    for section in section_texts(state) if sections else ():
+    for section in section_texts(state, sections=sections):
         content += rf"\n\n{section.name}\l"
         content += "".join(f"    {_text(line)}\\l" for line in section.lines)
     return content

@@ -26,7 +26,7 @@ def to_mermaid(table: Table, *, title: str | None = None, sections: bool = False
             lines.append(f"    {name} --> [*]")
         note = [
             _text(line)
-            for section in (section_texts(state) if sections else ())
+            for section in section_texts(state, sections=sections)
             for line in (section.name, *(f"    {line}" for line in section.lines))
         ]
         if note:

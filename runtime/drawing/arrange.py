@@ -24,7 +24,7 @@ from llfsm.runtime.drawing.diagram import (
 )
 from llfsm.runtime.drawing.editor_layout import editor_layout, has_room, hits
 from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
-from llfsm.runtime.drawing.typeset import SectionText, numbered_labels, section_texts
+from llfsm.runtime.drawing.typeset import numbered_labels, section_texts
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.state import State
@@ -65,10 +65,8 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
 
 def _box(state: State, table: Table, sections: bool | None) -> Box:
     given = table.layout.states.get(state.name) if table.layout else None
-    texts: tuple[SectionText, ...] = ()
-    if sections:
-        texts = section_texts(state)
-    elif sections is None and given is not None and given.expanded:
+    texts = section_texts(state, sections=bool(sections))
+    if sections is None and given is not None and given.expanded:
         texts = cut_sections(state.name, section_texts(state), given.w, given.h)
     return make_box(
         state.name,

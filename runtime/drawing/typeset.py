@@ -9,10 +9,11 @@ from __future__ import annotations
 import re
 import textwrap
 import unicodedata
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from llfsm.runtime.engine.source_text import body_of
 from llfsm.runtime.engine.state import SECTIONS, State
+from llfsm.runtime.engine.table import run_names
 
 _TAB = 4
 _CHARACTERS = 34  # of a line of a label, before it is broken
@@ -87,9 +88,20 @@ def numbered_labels(state: State) -> list[str]:
     return [f"{number}: {label}" for number, label in enumerate(labels, 1)]
 
 
-def section_texts(state: State) -> tuple[SectionText, ...]:
-    """List the sections that a state has, with their code, in the fixed order of sections."""
-    return tuple(
+RUNS: Final = "runs"
+"""The heading of what a state runs."""
+
+
+def section_texts(state: State, *, sections: bool = True) -> tuple[SectionText, ...]:
+    """List what a state runs and, unless only that is wanted, its sections with their code.
+
+    They are in the fixed order of sections.
+    """
+    names = run_names(state)
+    runs = (SectionText(RUNS, tuple(names)),) if names else ()
+    if not sections:
+        return runs
+    return runs + tuple(
         SectionText(name, text_lines(body_of(state.sections[name]) or ""))
         for name in SECTIONS
         if name in state.sections

@@ -242,6 +242,16 @@ def run_by(runs: Runs) -> list[Any]:
     return [each for each in named if isinstance(each, type) and hasattr(each, "table")]
 
 
+def run_names(state: State) -> list[str]:
+    """List what a state runs, as text: names of machine classes, as far as they are known."""
+    return [
+        runs
+        if isinstance(runs, str)
+        else " or ".join(cls.__name__ for cls in run_by(runs)) or "a machine"
+        for runs in state.runs
+    ]
+
+
 def _is_filled(cell: Any) -> bool:
     try:
         cell.cell_contents  # noqa: B018  # raises if it has none

@@ -22,6 +22,7 @@ from typing import Any, Final, Self
 
 from llfsm.runtime.engine.ports import Sensor
 from llfsm.runtime.engine.source_text import expression_of
+from llfsm.runtime.engine.state import SubmachineState
 from llfsm.runtime.engine.submachine import Polled
 from llfsm.runtime.engine.table import Table
 from llfsm.runtime.expressions.purity import (
@@ -250,6 +251,8 @@ class Evaluator:
         found = member(owner, name)
         if isinstance(found, Sensor):
             return found.default
+        if isinstance(found, SubmachineState) and not isinstance(owner, type):
+            return getattr(owner, name)  # to be polled
         if isinstance(found, staticmethod):
             return found.__func__
         if isinstance(owner, ModuleType | type) or not hasattr(type(found), "__get__"):

@@ -26,6 +26,7 @@ from llfsm.runtime.engine.table import (
     Table,
     TransitionPath,
     numbered_names,
+    run_names,
 )
 from llfsm.runtime.log import logger
 from llfsm.runtime.presence.remote import is_live
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
 
+_RUNS: Final = "Runs"  # published as a section: what the state runs, a line each
 _TEXT: Final = 200  # characters of a value that is published
 _VARIABLES: Final = 12 << 10  # bytes of all of a machine's values: what is more is left out
 _MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
@@ -84,7 +86,7 @@ def _state(state: State, layout: MachineLayout | None, sections: bool) -> Define
         box = DefinedBox(x, y, w, h, drawn.expanded)
     return DefinedState(
         state.name,
-        tuple(_sections(state)) if sections else (),
+        tuple(_sections(state, sections=sections)),
         tuple(
             DefinedTransition(t.target.name, t.label, _path(paths[i]) if i < len(paths) else ())
             for i, t in enumerate(state.transitions)
@@ -93,8 +95,10 @@ def _state(state: State, layout: MachineLayout | None, sections: bool) -> Define
     )
 
 
-def _sections(state: State) -> Iterator[DefinedSection]:
-    for name in SECTIONS:
+def _sections(state: State, *, sections: bool) -> Iterator[DefinedSection]:
+    if state.runs:
+        yield DefinedSection(_RUNS, "\n".join(run_names(state)))
+    for name in SECTIONS if sections else ():
         if name in state.sections:
             yield DefinedSection(name, body_of(state.sections[name]) or "")
 
@@ -122,6 +126,8 @@ def table_of(definition: MachineDefinition) -> Table:
         for section in defined.sections:
             if section.name in SECTIONS:
                 state.sections[section.name] = TextOnly(section.text)
+            elif section.name == _RUNS:
+                state.runs = tuple(section.text.splitlines())
         for transition in defined.transitions:
             if transition.target not in states:
                 raise DefinitionError(

@@ -14,6 +14,7 @@ from llfsm.runtime.bundles.cpp import without_comments
 from llfsm.runtime.converting.class_process import declared_lines
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import body_of
+from llfsm.runtime.engine.table import run_names
 
 
 class _Shown(NamedTuple):
@@ -70,7 +71,7 @@ def _of_class(cls: type[Machine]) -> Iterator[str]:
     states = [
         _Shown(
             state.name,
-            [],
+            [f"runs {', '.join(run_names(state))}"] if state.runs else [],
             {name: body_of(code) or repr(code) for name, code in state.sections.items()},
             [(each.target.name, each.label) for each in state.transitions],
             state.accepting,
