@@ -9,6 +9,7 @@ from types import FunctionType
 from typing import Any
 
 from llfsm.errors import nothing_called
+from llfsm.runtime.checking._inner_rules import inner_findings
 from llfsm.runtime.checking._rules import findings_of
 from llfsm.runtime.checking._subject import (
     CheckedState,
@@ -32,7 +33,8 @@ def check_class(cls: type[Machine]) -> list[Finding]:
     """
     reader = _Reader(cls)
     subject = reader.subject()
-    return sorted({*findings_of(subject), *typed_findings(subject, cls.table), *reader.findings})
+    found = {*findings_of(subject), *typed_findings(subject, cls.table), *reader.findings}
+    return sorted(found | {*inner_findings(cls, reader.place_of, reader.functions())})
 
 
 def class_subject(cls: type[Machine]) -> Subject:
@@ -104,10 +106,13 @@ class _Reader:
 
     def state(self, state: State) -> CheckedState:
         transitions = [self.transition(each) for each in state.transitions]
-        called = (name for name, value in vars(self.cls).items() if value is state)
-        place = self.place(next(called, ""))
+        place = self.place_of(state)
         goes_on = state.final and "Internal" in state.sections
         return CheckedState(state.name, place, transitions, goes_on)
+
+    def place_of(self, state: State) -> Place:
+        called = (name for name, value in vars(self.cls).items() if value is state)
+        return self.place(next(called, ""))
 
     def transition(self, transition: Transition) -> CheckedTransition:
         if transition.guard is not None:
