@@ -160,9 +160,11 @@ class Tables:
         """A filter of states in which no code has raised."""
         suspends = system.ringlets.kernel.on_error == "suspend"
         self._sound = [
-            packing.filter(self.controls[n].mask, self._is_sound(n)) for n in places if suspends
+            packing.filter(self.controls[n].mask, self._is_sound(n))
+            for n in places
+            if suspends and n not in system.ringlets.inner
         ]
-        """For each machine, a filter: it was not suspended because its code has raised."""
+        """For each machine but inner ones, which others look after: its code has not raised."""
         self.leavers = frozenset(system.leavers)
         """The machines that can leave the arrangement."""
         self.loaded = [packing.filter(self.controls[n].mask, self._is_loaded(n)) for n in places]

@@ -503,7 +503,8 @@ NO_FAILURE: Final = Property("never", (), "no machine's code raises")
 def some_failed(view: View) -> bool:
     """Check for a machine that was suspended because its code raised."""
     situation = view._situation
-    return any(situation.control(name).failed for name in situation.seats)
+    outermost = (name for name, seat in situation.seats.items() if seat.caller is None)
+    return any(situation.control(name).failed for name in outermost)
 
 
 def _property(kind: Kind, name: str | None, *functions: Callable[..., bool]) -> Property:
