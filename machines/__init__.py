@@ -6,15 +6,17 @@ the like make machines of machines.
 """
 
 from llfsm.machines.blind_turtle import RosBlindTurttleBot
-from llfsm.machines.combinators import Cooldown as Cooldown
-from llfsm.machines.combinators import Fallback as Fallback
-from llfsm.machines.combinators import Parallel as Parallel
-from llfsm.machines.combinators import Repeat as Repeat
-from llfsm.machines.combinators import Retry as Retry
-from llfsm.machines.combinators import Sequence as Sequence
-from llfsm.machines.combinators import Timeout as Timeout
-from llfsm.machines.combinators import TookTooLongError as TookTooLongError
-from llfsm.machines.combinators import While as While
+from llfsm.machines.combinators import (
+    Cooldown,
+    Fallback,
+    Parallel,
+    Repeat,
+    Retry,
+    Sequence,
+    Timeout,
+    TookTooLongError,
+    While,
+)
 from llfsm.machines.grid_turtle import GridTurtle
 from llfsm.machines.infusion_pump import InfusionAlarm, InfusionPump
 from llfsm.machines.microwave import OvenAlarm, OvenCooker, OvenLamp, OvenTimer, SafeOvenCooker
@@ -25,6 +27,8 @@ from llfsm.machines.suspend_resume import TurtleSuspendResume
 from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
+    "Cooldown",
+    "Fallback",
     "GridTurtle",
     "InfusionAlarm",
     "InfusionPump",
@@ -35,11 +39,18 @@ __all__ = [
     "OvenCooker",
     "OvenLamp",
     "OvenTimer",
+    "Parallel",
     "PressHands",
     "PressRam",
+    "Repeat",
+    "Retry",
     "RosBlindTurttleBot",
     "RosPingPong",
     "RosWallTurttleBot",
     "SafeOvenCooker",
+    "Sequence",
+    "Timeout",
+    "TookTooLongError",
     "TurtleSuspendResume",
+    "While",
 ]

@@ -413,7 +413,8 @@ class Kernel(Rotation[Seat]):
         if self.on_error == "stop" and not seat.inner:  # else its outer machine decides
             self.end(Reason.FAILED)
             raise error
-        logger().error("%s", error, exc_info=error)
+        log = logger().info if seat.inner else partial(logger().error, exc_info=error)
+        log("%s", error)
         self.set_aside(seat)
         if self.observers:
             self.emit(Failed(*self.stamp(), seat.index, seat.name, error))

@@ -18,9 +18,13 @@ from llfsm.machines.ping_pong import PINPONG
 from llfsm.runtime import Arrangement, Machine, ManualClock, Trace
 from llfsm.runtime.bundles import load_bundle, read_bundle
 from llfsm.runtime.engine.events import Eval
+from llfsm.runtime.engine.machine import MachineType
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer
 
+SHIPPED = [
+    each for each in llfsm.machines.__all__ if isinstance(vars(llfsm.machines)[each], MachineType)
+]
 FOLDER = Path(llfsm.machines.__file__).parent
 EXPRESSIONS = {  # of the guards that the classes have given names
     "after_ms(1000) and answered": (
@@ -90,7 +94,7 @@ def test_class_and_bundle_do_the_same(machines: list[type[Machine]], stop_at: in
         assert states >= names - ended - {"END"}
 
 
-@pytest.mark.parametrize("name", llfsm.machines.__all__)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_the_table_is_the_same(name: str) -> None:
     cls = getattr(llfsm.machines, name)
     made = bundle(cls)
@@ -109,7 +113,7 @@ def test_the_table_is_the_same(name: str) -> None:
         }
 
 
-@pytest.mark.parametrize("name", llfsm.machines.__all__)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_the_layout_places_every_state_and_transition(name: str) -> None:
     found = read_bundle(FOLDER / f"{name}.machine")
     assert found.layout is not None

@@ -24,7 +24,7 @@ from msgspec.structs import replace
 import llfsm
 from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
-from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.machine import Machine, MachineType
 from llfsm.runtime.plans import (
     Plan,
     PlannedMachine,
@@ -97,11 +97,12 @@ def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machi
     where, colon, attribute = name.partition(":")
     from llfsm import machines as shipped  # here, as it imports all of them
 
-    if not colon and name in shipped.__all__:
+    known = [each for each in shipped.__all__ if isinstance(vars(shipped)[each], MachineType)]
+    if not colon and name in known:
         return _machine_in(shipped, name, name)
     module = _module(where, name, folders, importable=bool(colon or attribute))
     if module is None:
-        raise _unknown(name, shipped.__all__, folders)
+        raise _unknown(name, known, folders)
     return _machine_in(module, attribute, name)
 
 

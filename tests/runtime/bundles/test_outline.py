@@ -13,11 +13,15 @@ import llfsm.machines
 from llfsm.runtime import BundleError
 from llfsm.runtime.bundles import load_bundle, outline, read_bundle
 from llfsm.runtime.drawing import Diagram, arrange, to_dot, to_mermaid, to_png, to_svg
+from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.engine.source_text import body_of
 from llfsm.runtime.engine.table import Table
 
 from .conftest import CppWriter
 
+SHIPPED = [
+    each for each in llfsm.machines.__all__ if isinstance(vars(llfsm.machines)[each], MachineType)
+]
 MACHINES = Path(llfsm.machines.__file__).parent
 HOSTILE = (
     'strcmp(name, "a<b>&c") == 0',
@@ -58,7 +62,7 @@ def drawn(folder: Path, *, sections: bool | None = None) -> Diagram:
     return diagram
 
 
-@pytest.mark.parametrize("name", llfsm.machines.__all__)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_a_python_bundle_is_drawn_as_its_class(name: str) -> None:
     folder = MACHINES / f"{name}.machine"
     table, loaded = outline(read_bundle(folder)), load_bundle(folder).table
