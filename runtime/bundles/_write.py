@@ -9,7 +9,15 @@ from pathlib import Path
 
 from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState
 from llfsm.runtime.bundles.plist import layout_to_plist
-from llfsm.runtime.bundles.read import NAME_LIMIT, NAME_RULE, NOT_FINAL, STATE_NAME, SUFFIX
+from llfsm.runtime.bundles.read import (
+    HISTORY,
+    NAME_LIMIT,
+    NAME_RULE,
+    NOT_FINAL,
+    RUNS,
+    STATE_NAME,
+    SUFFIX,
+)
 from llfsm.runtime.engine.errors import BundleError
 
 
@@ -110,6 +118,10 @@ def _state_texts(state: BundleState) -> dict[str, str]:
     texts = {f"{stem}_{part}.py": fragment.text for part, fragment in parts.items()}
     if not state.final:
         texts[f"{stem}_{NOT_FINAL}"] = "\n"
+    if state.runs:
+        texts[f"{stem}_{RUNS}"] = "".join(f"{name}\n" for name in state.runs)
+    if state.history:
+        texts[f"{stem}_{HISTORY}"] = "\n"
     for number, transition in enumerate(state.transitions):
         texts[f"{stem}_Transition_{number}.target"] = f"{transition.target}\n"
         if transition.expression is not None:

@@ -31,7 +31,7 @@ from llfsm.runtime.bundles.names import (
     resolve_method,
     untranslated,
 )
-from llfsm.runtime.bundles.read import read_bundle
+from llfsm.runtime.bundles.read import SUFFIX, read_bundle
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -45,6 +45,8 @@ CONTROLS = {
 }
 """The names that are known to the code of every machine."""
 _ALWAYS = {name: meaning for name, meaning in CONTROLS.items() if name not in MAY_BE_OWN}
+ENDS = ("done", "failed", "done or failed", "failed or done")
+"""Expressions of states that run machines: the ends of these that a transition waits for."""
 _RESERVED = {*dir(Machine), "table"} - MAY_BE_OWN
 
 
@@ -101,6 +103,9 @@ class Scope(ABC):
         if source.variables is not None:
             for node in self.statements(source.variables):
                 self._declare_variable(node, source.variables)
+        for state in source.states if isinstance(source, Bundle) else ():
+            if state.runs:  # so that code sees what it runs by the state's name
+                self.names.setdefault(state.name, Meaning(state.name, "a state that runs machines"))
         if source.methods is not None:
             functions = []
             for node in self.statements(source.methods):
@@ -238,26 +243,57 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     _extend_search(bundle)
     scope = LoadedScope(vars(module))
     scope.declare(bundle)
-    states = _states(bundle)
+    states = _states(bundle, load=True)
     for each in bundle.states:
         _fill(states[each.name], each, states, scope.of_state(each))
     cls = define(
         bundle.name,
         states.values(),
         variables=scope.variables,
-        attributes={"__module__": path, "__doc__": module.__doc__, **scope.attributes},
+        attributes={
+            "__module__": path,
+            "__doc__": module.__doc__,
+            **{name: state for name, state in states.items() if state.runs},
+            **scope.attributes,
+        },
         path=path,
     )
     cls.table.layout = bundle.layout
     return cls
 
 
-def _states(bundle: Bundle) -> dict[str, State]:
-    suspend = bundle.suspend
-    return {
-        each.name: State(each.name, suspend=each.name == suspend, final=each.final)
-        for each in bundle.states
-    }
+def _states(bundle: Bundle, *, load: bool) -> dict[str, State]:
+    """Make the states of a bundle; `load` what they run if it is a bundle beside this one."""
+    states: dict[str, State] = {}
+    for each in bundle.states:
+        runs: Any = [_run_by(bundle, name) if load else name for name in each.runs]
+        what: Any = (runs if len(runs) > 1 else runs[0]) if runs else None
+        states[each.name] = State(
+            each.name,
+            suspend=each.name == bundle.suspend,
+            final=each.final,
+            runs=what,
+            history=each.history,
+        )
+    return states
+
+
+_LOADING: list[str] = []  # the bundles under way, of which each runs the next
+
+
+def _run_by(bundle: Bundle, name: str) -> type[Machine] | str:
+    """Load a bundle beside this one; leave another name for the library of the arrangement."""
+    folder = None if bundle.folder is None else bundle.folder.parent / f"{name}{SUFFIX}"
+    if folder is None or not folder.is_dir():
+        return name
+    if bundle.path in _LOADING:
+        chain = [Path(each).stem for each in _LOADING[_LOADING.index(bundle.path) :]]
+        raise BundleError(f"bundles run each other: {', '.join(chain)}, {bundle.name}", folder)
+    _LOADING.append(bundle.path)
+    try:
+        return load_bundle(folder)
+    finally:
+        _LOADING.pop()
 
 
 def require_python(bundle: Bundle) -> None:
@@ -284,6 +320,10 @@ def _transition(state: State, target: State, fragment: Fragment, scope: LoadedSc
     declared, label = (fragment.source, 1), label_of(fragment)
     if label == "true":
         return Transition(state, target, declared, None, None, label)
+    if state.runs and label in ENDS:
+        ending = Transition(state, target, declared, None, None, label)
+        ending.wait_for_end(done="done" in label, failed="failed" in label)
+        return ending
     expression = parse_expression(fragment)
     after_ms, after, guard = _split(expression)
     transition = Transition(state, target, declared, after_ms, after, label)
@@ -341,7 +381,7 @@ def outline(bundle: Bundle) -> Table:
     returns. Variables and ports are left out. Raise `BundleError` for Python that cannot be parsed.
     """
     python = bundle.language == PYTHON
-    states = _states(bundle)
+    states = _states(bundle, load=False)
     for each in bundle.states:
         state = states[each.name]
         for name, fragment in each.sections.items():

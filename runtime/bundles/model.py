@@ -55,6 +55,10 @@ class BundleState:
     methods: Fragment | None = None
     final: bool = True
     """False if a machine goes on in it, though it has no transitions."""
+    runs: tuple[str, ...] = ()
+    """The names of what it runs: of bundles beside this one, or of other machines."""
+    history: bool = False
+    """True if what it runs goes on when it is entered again."""
 
     @property
     def accepting(self) -> bool:

@@ -54,7 +54,7 @@ PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
 NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
 # Not __proto__ and its like, which mean something else in Python and in browsers.
 STATE_NAME = re.compile(rf"(?!__.*__\Z)[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
-NOT_FINAL = "NotFinal"
+NOT_FINAL, RUNS, HISTORY = "NotFinal", "Runs", "History"
 """The part of a state that is there if a machine goes on in it, though it has no transitions."""
 NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}, and not __ at both ends"
 
@@ -141,7 +141,21 @@ class Reader:
             self.find(f"{stem}_Variables", self.headers),
             self.find(f"{stem}_Methods", self.headers),
             not (self.python and self.exists(f"{stem}_{NOT_FINAL}")),
+            self.runs(stem) if self.python else (),
+            self.python and self.exists(f"{stem}_{HISTORY}"),
         )
+
+    def runs(self, stem: str) -> tuple[str, ...]:
+        """Read the names of what a state runs, a line each."""
+        listed = self.text(f"{stem}_{RUNS}")
+        if listed is not None:
+            return tuple(line.strip() for line in listed.text.splitlines() if line.strip())
+        if self.exists(f"{stem}_{RUNS}"):
+            raise BundleError(
+                "it names no machine to run: remove it, or name one in a line",
+                self.folder / f"{stem}_{RUNS}",
+            )
+        return ()
 
     def _line_of(self, state: str) -> int:
         listed = self.text("States")
@@ -169,7 +183,8 @@ class Reader:
         """Read a Python state's transitions, each with a file for its target."""
         stem = f"State_{state}"
         numbers = self.transition_numbers.get(state, set())
-        if not numbers and not any(self.exists(f"{stem}_{end}.py") for end in PARTS):
+        given = any(self.exists(f"{stem}_{end}.py") for end in PARTS)
+        if not (numbers or given or self.exists(f"{stem}_{RUNS}")):
             raise BundleError(
                 f"state {state!r} has no files; if that is meant, leave an empty {stem}_OnEntry.py",
                 self.folder / "States",

@@ -27,7 +27,7 @@ from llfsm.runtime.bundles import (
     compile_bundle,
 )
 from llfsm.runtime.bundles.code import parse, parse_expression
-from llfsm.runtime.bundles.compiling import CONTROLS, Scope
+from llfsm.runtime.bundles.compiling import CONTROLS, ENDS, Scope
 from llfsm.runtime.bundles.names import (
     UNTRANSLATED,
     Known,
@@ -37,7 +37,7 @@ from llfsm.runtime.bundles.names import (
     resolve_method,
     untranslated,
 )
-from llfsm.runtime.bundles.read import NOT_FINAL, Reader, read_bundle
+from llfsm.runtime.bundles.read import HISTORY, NOT_FINAL, RUNS, Reader, read_bundle
 from llfsm.runtime.checking._rules import findings_of
 from llfsm.runtime.checking._subject import (
     CheckedState,
@@ -67,7 +67,7 @@ def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
     known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in _OF_A_MACHINE)}
     for state in bundle.states:
         stem = f"State_{state.name}"
-        known.add(f"{stem}_{NOT_FINAL}")
+        known |= {f"{stem}_{each}" for each in (NOT_FINAL, RUNS, HISTORY)}
         known |= {f"{stem}_{part}.py" for part in (*SECTIONS, *_OF_A_MACHINE)}
         for number in range(len(state.transitions) + 1):  # one more: its name may be meant
             known |= {f"{stem}_Transition_{number}{suffix}" for suffix in _OF_TRANSITIONS}
@@ -304,7 +304,7 @@ class _Checker:
                 if code := self.code(fragment, within):
                     self.result.sections.append(code)
             transitions = [
-                self.transition(each, within, f"State_{state.name}_Transition_{number}")
+                self.transition(each, within, f"State_{state.name}_Transition_{number}", state)
                 for number, each in enumerate(state.transitions)
             ]
             place = Place(str(states), listed.index(state.name) + 1)
@@ -317,7 +317,7 @@ class _Checker:
         return (self.bundle.folder or Path()) / name
 
     def transition(
-        self, source: BundleTransition, scope: _CheckedScope, stem: str
+        self, source: BundleTransition, scope: _CheckedScope, stem: str, state: BundleState
     ) -> CheckedTransition:
         fragment = source.expression
         if fragment is None:
@@ -326,6 +326,8 @@ class _Checker:
         place = Place(fragment.source, 1)
         if fragment.text.strip() == "true":
             return CheckedTransition(source.target, place, True)
+        if state.runs and fragment.text.strip() in ENDS:
+            return CheckedTransition(source.target, place, None)
         guard = self.code(fragment, scope, expression=True)
         return CheckedTransition(source.target, place, guard.truth if guard else None, guard)
 

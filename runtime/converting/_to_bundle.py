@@ -30,6 +30,7 @@ from llfsm.runtime.engine.errors import BundleError, DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
 from llfsm.runtime.engine.state import State, Transition
+from llfsm.runtime.engine.table import run_names
 from llfsm.runtime.expressions.reads import all_parameters, bound_names, header_of
 
 if TYPE_CHECKING:
@@ -364,6 +365,7 @@ class _Converter:
         }
         table = self.table
         names = {*table.variables, *table.sensors, *table.actuators, *self.methods}
+        names |= {s.name for s in table.states if s.runs and vars(cls).get(s.name) is s}
         others = {name for name in vars(cls) if name[:2] != "__"} - names
         self.texts = FunctionTexts(names, others, cls)
 
@@ -473,10 +475,28 @@ class _Converter:
             for section, code in state.sections.items()
         }
         transitions = tuple(self._transition(each) for each in state.transitions)
-        return BundleState(state.name, sections, transitions, final=state.final)
+        for runs in state.runs:
+            if not isinstance(runs, str | type):
+                raise self.refused(
+                    f"{state.name} runs a machine that a function makes: a bundle can only name "
+                    f"one; make a class of it that has the values"
+                )
+        return BundleState(
+            state.name,
+            sections,
+            transitions,
+            final=state.final,
+            runs=tuple(run_names(state)),
+            history=state.history,
+        )
 
     def _transition(self, transition: Transition) -> BundleTransition:
         parts = [transition.timed] if transition.timed else []
+        if transition.ends:
+            is_alone = not parts and transition.guard is None
+            named = "" if is_alone else f"{transition.source.name}."
+            ends = " or ".join(f"{named}{end}" for end in transition.ends)
+            parts.append(ends if is_alone or len(transition.ends) == 1 else f"({ends})")
         if transition.guard is not None:
             what = f"the guard from {transition.source.name} to {transition.target.name}"
             parts.append(self._guard(transition.guard, what, is_alone=not parts))

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
-from llfsm.runtime.bundles.compiling import Scope, first_wait
+from llfsm.runtime.bundles.compiling import ENDS, Scope, first_wait
 from llfsm.runtime.bundles.names import Known, included_names, resolve, resolve_method
 from llfsm.runtime.converting.class_files import module_name
 from llfsm.runtime.converting.edited_text import EditedText
@@ -97,7 +97,13 @@ class _Writer:
         if bundle.name in self.included:
             assert bundle.includes is not None
             raise bundle.includes.error(f"{bundle.name!r} is the machine; rename what is included")
-        attributes = [each.attribute for scope in self._scopes() for each in scope.names.values()]
+        running = {state.name for state in bundle.states if state.runs}
+        attributes = [
+            each.attribute
+            for scope in self._scopes()
+            for each in scope.names.values()
+            if each.attribute not in running or each.variable
+        ]
         taken = {*dir(Machine), "table", "self", "_", bundle.name, *self.included}
         taken |= {name for name in attributes if "." not in name}
         self.attributes: dict[str, str] = {}  # of what states declare, by STATE.NAME
@@ -111,6 +117,8 @@ class _Writer:
         for state in bundle.states:
             self.states[state.name] = _free(state.name, taken)
             taken.add(self.states[state.name])
+            if state.runs:  # of which code may ask, by the state's name
+                self.attributes.setdefault(state.name, self.states[state.name])
 
     def _check_includes(self) -> None:
         for fragment in (self.bundle.includes, *(each.includes for each in self.bundle.states)):
@@ -219,6 +227,9 @@ class _Writer:
             given = [repr(state.name)] if attribute != state.name else []
             given += ["suspend=True"] if state.name == self.bundle.suspend else []
             given += [] if state.final else ["final=False"]
+            runs = ", ".join(repr(name) for name in state.runs)
+            given += [f"runs={runs}" if len(state.runs) == 1 else f"runs=[{runs}]"] if runs else []
+            given += ["history=True"] if state.history else []
             yield f"{attribute} = {self.state}({', '.join(given)})"
 
     def _methods(self, fragment: Fragment | None, scope: _TextScope) -> Iterator[str]:
@@ -273,6 +284,11 @@ class _Writer:
             to = f"    {self.states[state.name]}.to({self.states[each.target]}"
             if each.expression is None or label_of(each.expression) == "true":
                 yield f"{to})\n"
+                continue
+            label = label_of(each.expression)
+            if state.runs and label in ENDS:
+                ends = [f"when_{end}=True" for end in ("done", "failed") if end in label]
+                yield f"{to}, {', '.join(ends)})\n"
                 continue
             yield self._arrow(to, each.expression, known)
 

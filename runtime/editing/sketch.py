@@ -37,7 +37,7 @@ from llfsm.runtime.drawing.editor_layout import (
     place_boxes,
 )
 from llfsm.runtime.drawing.style import MARGIN
-from llfsm.runtime.drawing.typeset import SectionText, text_lines
+from llfsm.runtime.drawing.typeset import RUNS, SectionText, text_lines
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 
@@ -139,7 +139,8 @@ def _boxes(bundle: Bundle) -> list[Box]:
     boxes = []
     for state in bundle.states:
         place = given.get(state.name, StateBox(0, 0, 0, 0))
-        shown = _sections(state, python=python) if place.expanded else ()
+        runs = (SectionText(RUNS, state.runs),) if state.runs else ()
+        shown = runs + (_sections(state, python=python) if place.expanded else ())
         kinds = {
             "initial": state is bundle.states[0],
             "accepting": state.accepting,

@@ -54,7 +54,7 @@ def _of_bundle(bundle: Bundle) -> Iterator[str]:
     states = [
         _Shown(
             state.name,
-            _declared(state.variables),
+            [*_runs(state.runs), *_declared(state.variables)],
             {name: fragment.text for name, fragment in state.sections.items()},
             [(each.target, _label(each.expression)) for each in state.transitions],
             state.accepting,
@@ -71,7 +71,7 @@ def _of_class(cls: type[Machine]) -> Iterator[str]:
     states = [
         _Shown(
             state.name,
-            [f"runs {', '.join(run_names(state))}"] if state.runs else [],
+            _runs(run_names(state)),
             {name: body_of(code) or repr(code) for name, code in state.sections.items()},
             [(each.target.name, each.label) for each in state.transitions],
             state.accepting,
@@ -100,6 +100,11 @@ def _states(states: list[_Shown], suspend: str | None) -> Iterator[str]:
         width = max((len(target) for target, _ in state.transitions), default=0)
         for target, label in state.transitions:
             yield f"  -> {target:<{width}}  {label}"
+
+
+def _runs(names: Iterable[str]) -> list[str]:
+    text = ", ".join(names)
+    return [f"runs {text}"] if text else []
 
 
 def _declared(fragment: Fragment | None) -> list[str]:

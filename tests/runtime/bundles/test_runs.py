@@ -1,0 +1,140 @@
+"""States of bundles run the bundles that their files name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from llfsm.runtime import Arrangement, BundleError, Machine, ManualClock, State
+from llfsm.runtime.bundles import load_bundle, outline, read_bundle, write_bundle
+from llfsm.runtime.checking import check_bundle, check_class
+from llfsm.runtime.converting import write_converted
+from llfsm.runtime.engine.table import run_names
+
+TEXTS = {
+    "Drive.machine": {
+        "Language": "python\n",
+        "States": "go\nover\n",
+        "Drive_Variables.py": "turns: int = 0\n",
+        "State_go_Internal.py": "turns += 1\n",
+        "State_go_Transition_0.target": "over\n",
+        "State_go_Transition_0.expr": "turns > 2\n",
+        "State_over_OnEntry.py": "\n",
+    },
+    "Mission.machine": {
+        "Language": "python\n",
+        "States": "out\nboth\nhome\n",
+        "Mission_Variables.py": "far: int = 0\n",
+        "State_out_Runs": "Drive\n",
+        "State_out_History": "\n",
+        "State_out_Transition_0.target": "both\n",
+        "State_out_Transition_0.expr": "done\n",
+        "State_both_Runs": "Drive\nDrive\n",
+        "State_both_OnEntry.py": "far = out.machine.turns\n",
+        "State_both_Transition_0.target": "home\n",
+        "State_both_Transition_0.expr": "both.failed and far > 99\n",
+        "State_both_Transition_1.target": "home\n",
+        "State_both_Transition_1.expr": "done or failed\n",
+        "State_home_OnEntry.py": "\n",
+    },
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, texts in TEXTS.items():
+        (tmp_path / name).mkdir()
+        for file, text in texts.items():
+            (tmp_path / name / file).write_text(text)
+    return tmp_path
+
+
+def ran(machine: type[Machine]) -> list[dict[str, str]]:
+    arrangement = Arrangement([machine], clock=ManualClock())
+    rounds = []
+    while not arrangement.finished:
+        arrangement.round()
+        rounds.append(arrangement.states())
+    return rounds
+
+
+class Drive(Machine):
+    turns: int = 0
+    go, over = State(), State()
+    go.to(over, when=lambda self: self.turns > 2)
+
+    @go.internal
+    def _(self) -> None:
+        self.turns += 1
+
+
+class Mission(Machine):
+    far: int = 0
+    out = State(runs=Drive, history=True)
+    both = State(runs=[Drive, Drive])
+    home = State()
+    out.to(both, when_done=True)
+    both.to(home, when=lambda self: self.both.failed and self.far > 99)
+    both.to(home, when_done=True, when_failed=True)
+
+    @both.on_entry
+    def _(self) -> None:
+        self.far = self.out.machine.turns
+
+
+def test_a_bundle_runs_what_its_class_does(folder: Path) -> None:
+    bundle = folder / "Mission.machine"
+    loaded = load_bundle(bundle)
+    assert ran(loaded) == ran(Mission)
+    assert check_bundle(bundle) == []
+    for table in (loaded.table, outline(read_bundle(bundle))):
+        assert [run_names(each) for each in table.states] == [["Drive"], ["Drive"] * 2, []]
+        assert [each.history for each in table.states] == [True, False, False]
+
+
+def test_it_is_written_as_it_was_read(folder: Path, tmp_path: Path) -> None:
+    bundle = read_bundle(folder / "Mission.machine")
+    written = tmp_path / "new" / "Mission.machine"
+    written.parent.mkdir()
+    write_bundle(bundle, written)
+    texts = {file.name: file.read_text() for file in written.iterdir()}
+    assert {name: text for name, text in texts.items() if name in TEXTS["Mission.machine"]} == (
+        TEXTS["Mission.machine"]
+    )
+
+
+def test_a_class_is_converted_and_back(tmp_path: Path) -> None:
+    for cls in (Drive, Mission):
+        write_converted(cls, tmp_path)
+    assert ran(load_bundle(tmp_path / "Mission.machine")) == ran(Mission)
+    text = (tmp_path / "Mission.machine" / "State_both_Transition_0.expr").read_text()
+    assert text == "both.failed and far > 99\n"
+    (tmp_path / "Mission.machine" / "IncludePath").unlink()
+    written = write_converted(tmp_path / "Mission.machine", tmp_path)
+    text = written.read_text()
+    assert "out = State(runs='Drive', history=True)" in text
+    assert "both = State(runs=['Drive', 'Drive'])" in text
+    assert "both.to(home, when_done=True, when_failed=True)" in text
+
+    assert not [each for each in check_class(Mission) if each.severity == "error"]
+
+
+def test_bundles_that_run_each_other_are_refused(folder: Path) -> None:
+    (folder / "Drive.machine" / "State_go_Runs").write_text("Mission\n")
+    with pytest.raises(BundleError, match="bundles run each other"):
+        load_bundle(folder / "Mission.machine")
+
+
+def test_a_file_that_names_nothing_is_refused(folder: Path) -> None:
+    (folder / "Mission.machine" / "State_out_Runs").write_text("\n")
+    with pytest.raises(BundleError, match="it names no machine to run"):
+        load_bundle(folder / "Mission.machine")
+
+
+def test_another_name_is_looked_up_in_the_library(folder: Path) -> None:
+    (folder / "Mission.machine" / "State_out_Runs").write_text("Other\n")
+    machine = load_bundle(folder / "Mission.machine")
+    arrangement = Arrangement([machine], clock=ManualClock(), library={"Other": Drive})
+    arrangement.round()
+    assert arrangement.states() == {"Mission": "out", "Mission/Drive": "go"}
