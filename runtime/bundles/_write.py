@@ -11,11 +11,13 @@ from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState
 from llfsm.runtime.bundles.plist import layout_to_plist
 from llfsm.runtime.bundles.read import (
     HISTORY,
+    IN_PLACE,
     NAME_LIMIT,
     NAME_RULE,
     NOT_FINAL,
     RUNS,
     STATE_NAME,
+    STOPS,
     SUFFIX,
 )
 from llfsm.runtime.engine.errors import BundleError
@@ -116,12 +118,15 @@ def _state_texts(state: BundleState) -> dict[str, str]:
     stem = f"State_{state.name}"
     parts = state.sections | state.declarations
     texts = {f"{stem}_{part}.py": fragment.text for part, fragment in parts.items()}
-    if not state.final:
-        texts[f"{stem}_{NOT_FINAL}"] = "\n"
+    marks = {
+        NOT_FINAL: not state.final,
+        HISTORY: state.history,
+        IN_PLACE: state.in_place,
+        STOPS: state.clock_stops,
+    }
+    texts |= {f"{stem}_{mark}": "\n" for mark, holds in marks.items() if holds}
     if state.runs:
         texts[f"{stem}_{RUNS}"] = "".join(f"{name}\n" for name in state.runs)
-    if state.history:
-        texts[f"{stem}_{HISTORY}"] = "\n"
     for number, transition in enumerate(state.transitions):
         texts[f"{stem}_Transition_{number}.target"] = f"{transition.target}\n"
         if transition.expression is not None:

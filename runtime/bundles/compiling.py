@@ -274,6 +274,8 @@ def _states(bundle: Bundle, *, load: bool) -> dict[str, State]:
             final=each.final,
             runs=what,
             history=each.history,
+            resume="in_place" if each.in_place else "again",
+            clock="stops" if each.clock_stops else "runs",
         )
     return states
 

@@ -59,6 +59,10 @@ class BundleState:
     """The names of what it runs: of bundles beside this one, or of other machines."""
     history: bool = False
     """True if what it runs goes on when it is entered again."""
+    in_place: bool = False
+    """True if a machine that is resumed goes on in it without OnEntry."""
+    clock_stops: bool = False
+    """True if its clock stands still while the machine is suspended."""
 
     @property
     def accepting(self) -> bool:

@@ -55,6 +55,7 @@ NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines
 # Not __proto__ and its like, which mean something else in Python and in browsers.
 STATE_NAME = re.compile(rf"(?!__.*__\Z)[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
 NOT_FINAL, RUNS, HISTORY = "NotFinal", "Runs", "History"
+IN_PLACE, STOPS = "ResumeInPlace", "ClockStops"
 """The part of a state that is there if a machine goes on in it, though it has no transitions."""
 NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}, and not __ at both ends"
 
@@ -142,7 +143,7 @@ class Reader:
             self.find(f"{stem}_Methods", self.headers),
             not (self.python and self.exists(f"{stem}_{NOT_FINAL}")),
             self.runs(stem) if self.python else (),
-            self.python and self.exists(f"{stem}_{HISTORY}"),
+            *(self.python and self.exists(f"{stem}_{each}") for each in (HISTORY, IN_PLACE, STOPS)),
         )
 
     def runs(self, stem: str) -> tuple[str, ...]:

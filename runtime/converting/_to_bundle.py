@@ -488,6 +488,8 @@ class _Converter:
             final=state.final,
             runs=tuple(run_names(state)),
             history=state.history,
+            in_place=state.resume == "in_place",
+            clock_stops=state.clock == "stops",
         )
 
     def _transition(self, transition: Transition) -> BundleTransition:

@@ -230,6 +230,8 @@ class _Writer:
             runs = ", ".join(repr(name) for name in state.runs)
             given += [f"runs={runs}" if len(state.runs) == 1 else f"runs=[{runs}]"] if runs else []
             given += ["history=True"] if state.history else []
+            given += ['resume="in_place"'] if state.in_place else []
+            given += ['clock="stops"'] if state.clock_stops else []
             yield f"{attribute} = {self.state}({', '.join(given)})"
 
     def _methods(self, fragment: Fragment | None, scope: _TextScope) -> Iterator[str]:

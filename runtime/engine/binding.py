@@ -41,6 +41,8 @@ class Bindable(Nested, Protocol):
     now: Callable[[], int]
     entered_ns: int
     notifies: bool
+    source: BoundState | None
+    stood: tuple[int, int] | None
     fired: int
     doing: str | None
 
@@ -71,6 +73,8 @@ def bind(seat: Bindable, *, observed: bool) -> None:
         if observed:
             code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
             transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
+        if state.resume == "in_place":
+            code[0] = _entering(seat, state, code[0])
         bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
         if not transitions and not state.final:
             transitions = [(None, _never, bound)]
@@ -97,6 +101,22 @@ def _suspending(seat: Bindable, code: SectionCode | None) -> SectionCode | None:
             code(machine)
 
     return post_and_run
+
+
+def _entering(seat: Bindable, state: State, code: SectionCode | None) -> SectionCode:
+    """Return OnEntry's code, which does not run when the machine goes on in the state in place."""
+
+    def enter(machine: Any) -> None:
+        stood, seat.stood = seat.stood, None
+        if stood is None or seat.source is not seat.suspension:
+            if code is not None:
+                code(machine)
+            return
+        entered_ns, suspended_ns = stood
+        stopped_ns = seat.now() - suspended_ns if state.clock == "stops" else 0
+        seat.entered_ns = entered_ns + stopped_ns
+
+    return enter
 
 
 def _transition(seat: Bindable, state: State, number: int) -> BoundTransition:

@@ -108,6 +108,7 @@ class Seat(SeatFields):
         "remembered",
         "renamed",
         "states",
+        "stood",
         "stopping",
         "taken",
         "variables",
@@ -169,6 +170,7 @@ class Seat(SeatFields):
         self.source = None  # the state that it was in before
         self.fired = 0  # of the transitions to one state, the number of the one that fired last
         self.entered_ns = NEVER  # when the state clock started
+        self.stood: tuple[int, int] | None = None  # that of the state it was suspended in, and when
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure = None  # what its code has raised
 
@@ -215,6 +217,8 @@ class Seat(SeatFields):
     def suspend(self) -> None:
         """Go to the suspend state and remember the current one; nothing if suspended."""
         if self.current is not self.suspension:
+            was_entered = self.current is self.previous and self.failure is None
+            self.stood = (self.entered_ns, self.now()) if was_entered else None
             self.previous = self.remembered = self.current
             self.current = self.suspension
 

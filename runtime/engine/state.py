@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import CodeType, FrameType
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeAlias, TypeVar, overload
 
 from llfsm.runtime.engine.errors import DefinitionError
 
@@ -23,6 +23,8 @@ SectionCode: TypeAlias = Callable[[Any], None]
 Guard: TypeAlias = Callable[[Any], bool]
 Runs: TypeAlias = "str | type[Any] | Callable[[Any], Any]"
 """What a state runs: a machine class, a function of the machine that makes one, or a name."""
+Resume: TypeAlias = Literal["again", "in_place"]
+ClockWhileSuspended: TypeAlias = Literal["runs", "stops"]
 S = TypeVar("S", bound=SectionCode)
 G = TypeVar("G", bound=Guard)
 M = TypeVar("M")
@@ -83,6 +85,10 @@ class State:
     fires is one of the machine. A state without transitions ends its machine when what it runs is
     done. With `history=True`, what was not done is suspended when the state is left, and resumed
     when it is entered again.
+
+    A machine that is resumed enters its state again, and OnEntry runs, unless the state says
+    `resume="in_place"`: then OnResume alone does, and the state's clock has run on meanwhile, or
+    has stood still with `clock="stops"`. After an error, or if OnEntry has not run, it is entered.
     """
 
     declared_once = True
@@ -95,6 +101,8 @@ class State:
     several: bool
     """Whether it was given a list of what to run."""
     history: bool
+    resume: Resume
+    clock: ClockWhileSuspended
     sections: dict[str, SectionCode]
     transitions: list[Transition]
     owner: type | None
@@ -106,7 +114,14 @@ class State:
 
         @overload
         def __new__(
-            cls, name: str | None = ..., *, suspend: bool = ..., final: bool = ..., runs: None = ...
+            cls,
+            name: str | None = ...,
+            *,
+            suspend: bool = ...,
+            final: bool = ...,
+            runs: None = ...,
+            resume: Resume = ...,
+            clock: ClockWhileSuspended = ...,
         ) -> Self: ...
         @overload
         def __new__(
@@ -117,6 +132,8 @@ class State:
             final: bool = ...,
             runs: type[M] | Callable[[Any], M],
             history: bool = ...,
+            resume: Resume = ...,
+            clock: ClockWhileSuspended = ...,
         ) -> SubmachineState[Submachine[M]]: ...
         @overload
         def __new__(
@@ -127,6 +144,8 @@ class State:
             final: bool = ...,
             runs: str,
             history: bool = ...,
+            resume: Resume = ...,
+            clock: ClockWhileSuspended = ...,
         ) -> SubmachineState[Submachine[Any]]: ...
         @overload
         def __new__(
@@ -137,6 +156,8 @@ class State:
             final: bool = ...,
             runs: list[Any] | tuple[Any, ...],
             history: bool = ...,
+            resume: Resume = ...,
+            clock: ClockWhileSuspended = ...,
         ) -> SubmachineState[Submachines]: ...
         def __new__(cls, *_: Any, **__: Any) -> Any:
             """Make a state."""
@@ -155,6 +176,8 @@ class State:
             final: bool = True,
             runs: Runs | Sequence[Runs] | None = None,
             history: bool = False,
+            resume: Resume = "again",
+            clock: ClockWhileSuspended = "runs",
         ):
             self.name = name or ""
             self.suspend = suspend
@@ -162,6 +185,9 @@ class State:
             self.several = isinstance(runs, list | tuple)
             self.runs = tuple(_runnable(self, runs))
             self.history = history
+            _check_resume(self, resume, clock)
+            self.resume = resume
+            self.clock = clock
             self.sections = {}
             self._given = set()
             self.transitions = []
@@ -230,7 +256,13 @@ class State:
         """Return an independent state with the same sections, transitions and targets."""
         runs: Any = self.runs if self.several else next(iter(self.runs), None)
         twin: State = State(
-            self.name, suspend=self.suspend, final=self.final, runs=runs, history=self.history
+            self.name,
+            suspend=self.suspend,
+            final=self.final,
+            runs=runs,
+            history=self.history,
+            resume=self.resume,
+            clock=self.clock,
         )
         twin.sections = dict(self.sections)
         twin.transitions = [transition.copy(twin) for transition in self.transitions]
@@ -387,6 +419,22 @@ def _check_code(state: State, what: str, code: object) -> None:
     raise DefinitionError(
         f"state {_name(state)!r}: {what} must be a plain function of the machine, not {given}"
     )
+
+
+def _check_resume(state: State, resume: object, clock: object) -> None:
+    for what, value, known in (
+        ("resume", resume, ("again", "in_place")),
+        ("clock", clock, ("runs", "stops")),
+    ):
+        if value not in known:
+            raise DefinitionError(
+                f"state {_name(state)!r}: {what} is {value!r}; it must be {known[0]!r} or "
+                f"{known[1]!r}"
+            )
+    if clock == "stops" and resume != "in_place":
+        raise DefinitionError(
+            f'state {_name(state)!r}: clock="stops" is for resume="in_place"; else it starts anew'
+        )
 
 
 def _runnable(state: State, runs: Runs | Sequence[Runs] | None) -> Sequence[Runs]:

@@ -138,6 +138,8 @@ class Ringlets(Control):
         self._controlled = frozenset(controlled)  # by anybody
         raised: Any = Unknown(self.environment, "the error for which it was suspended")
         self._failure = Failure(raised, NEVER)  # of each: what was raised is no part of a state
+        moment: Any = Unknown(self.environment, "the time at which it was suspended in place")
+        self._stood = moment, moment
         self._complete = False
         for member in members:
             member.load(self)
@@ -445,6 +447,7 @@ class Ringlets(Control):
         seat.entered_ns = self.environment.entered if control.begun else NEVER
         seat.failure = self._failure if control.failed else None
         seat.left, seat.parking, seat.children = control.left, control.parked, []
+        seat.stood = self._stood if seat.suspended else None
         seat.nest.restore(control.runs, self._states[place], self._by_name)
         if seat.taken is not control.loaded:
             seat.taken = control.loaded

@@ -56,7 +56,10 @@ transitions = st.lists(
 )
 runs = st.tuples(st.sets(st.integers(0, 2), max_size=2), st.booleans())  # with a history
 nothing = st.just((set[int](), False))
-states = st.tuples(sections, transitions, st.one_of(nothing, nothing, runs))
+resuming = st.sampled_from(
+    [{}, {}, {"resume": "in_place"}, {"resume": "in_place", "clock": "stops"}]
+)
+states = st.tuples(sections, transitions, resuming, st.one_of(nothing, nothing, runs))
 machines = st.lists(states, min_size=1, max_size=4)
 worlds = st.tuples(
     st.lists(machines, min_size=1, max_size=3),
@@ -106,10 +109,10 @@ class World:
 
     def machine(self, name: str, spec: Any) -> type[Machine]:
         states = [
-            State(f"S{number}", history=history, runs=self.what_runs(places))
-            for number, (*_, (places, history)) in enumerate(spec)
+            State(f"S{number}", history=history, runs=self.what_runs(places), **resumes)
+            for number, (*_, resumes, (places, history)) in enumerate(spec)
         ]
-        for state, (codes, leads, _) in zip(states, spec, strict=True):
+        for state, (codes, leads, *_) in zip(states, spec, strict=True):
             for section, what in codes.items():
                 getattr(state, section)(self.code(state.name, section, what))
             for target, guard, after_ms, end in leads:
