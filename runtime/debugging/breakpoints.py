@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.table import run_by
 from llfsm.runtime.expressions.evaluation import Evaluator
 from llfsm.runtime.expressions.purity import EvaluationError
 
@@ -54,6 +55,23 @@ def callable_machines(classes: Mapping[str, type[Machine]]) -> dict[str, type[Ma
             if folder.stem not in found:
                 found[folder.stem] = load_bundle(folder)
                 waiting.append(found[folder.stem])
+    return found | _inner_of(classes)
+
+
+def _inner_of(classes: Mapping[str, type[Machine]]) -> dict[str, type[Machine]]:
+    """Find the classes of what states of machines run, by the names that they will have."""
+    found: dict[str, type[Machine]] = {}
+    todo = [(name, [cls]) for name, cls in classes.items()]
+    while todo:
+        name, above = todo.pop()
+        table = above[-1].table
+        for state in table.states:
+            for number, runs in enumerate(state.runs):
+                for cls in run_by(runs):
+                    if cls not in above:
+                        inner = f"{name}/{table.inner_name(state, number, cls.__name__)}"
+                        found[inner] = cls
+                        todo.append((inner, [*above, cls]))
     return found
 
 
@@ -148,7 +166,7 @@ def check_breakpoints(
     `machines` are those that run, and others that they may load, by name: those beside them in
     their modules are known, too. `slots` are what they read.
     """
-    known = {**_in_modules_of(machines.values()), **machines}
+    known = {**_in_modules_of(machines.values()), **_inner_of(machines), **machines}
     for each in breakpoints:
         if each.slot:
             sensors = (port for cls in known.values() for port in cls.table.sensors.values())
