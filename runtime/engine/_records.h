@@ -18,7 +18,7 @@ typedef struct {
             PyObject *on_entry, *on_exit, *internal, *on_suspend, *on_resume, *transitions;
         };
         struct { /* of a rotation */
-            PyObject *_turn, *_leaving, *stopwatch, *_gate;
+            PyObject *_turn, *_leaving, *stopwatch, *_gate, *nests;
         };
         struct { /* of a meter */
             PyObject *costs, *jitters;
@@ -53,8 +53,8 @@ static PyMemberDef state_fields[] = {
     NUMBER(spent_ns),  {NULL, 0, 0, 0, NULL}};
 
 static PyMemberDef rotation_fields[] = {
-    FIELD(_turn),   FIELD(_leaving), FIELD(stopwatch), FIELD(_gate),
-    NUMBER(rounds), {NULL, 0, 0, 0, NULL}};
+    FIELD(_turn), FIELD(_leaving), FIELD(stopwatch),       FIELD(_gate),
+    FIELD(nests), NUMBER(rounds),  {NULL, 0, 0, 0, NULL}};
 
 /* A class of records, and the class in Python that extends it: nearly all records are of that. */
 struct kind {

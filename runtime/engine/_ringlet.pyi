@@ -29,7 +29,7 @@ class SeatFields:
     failure: Failure | None
     hang: str
     inner: bool
-    children: list[Seat | None]
+    children: list[Seat | None] | None
 
 @final
 class Histogram:
@@ -55,6 +55,7 @@ class Rotation:
     _leaving: list[Seat]
     stopwatch: Timing | None
     _gate: Callable[[], bool] | None
+    nests: bool
     rounds: int
     def give_turns(self, seats: Iterable[Seat | None], /) -> bool: ...
     def give_round(self, seats: Iterable[Seat | None], /) -> bool: ...

@@ -9,9 +9,9 @@ static bool is_accepting(PyObject *seat)
 }
 
 /* Check that a machine has its turns behind those of the one whose state runs it. */
-static bool is_inner(PyObject *seat)
+static bool is_inner(const Record *self, PyObject *seat)
 {
-    return is_one_of(&seats, seat) && ((Record *)seat)->inner == Py_True;
+    return self->nests == Py_True && is_one_of(&seats, seat) && ((Record *)seat)->inner == Py_True;
 }
 
 static bool give_turn(Record *self, PyObject *seat, bool *any);
@@ -19,20 +19,19 @@ static bool give_turn(Record *self, PyObject *seat, bool *any);
 /* Give what a machine's state runs their turns; some may leave on the way. */
 static bool give_children_turns(Record *self, PyObject *seat, bool *any)
 {
-    const Record *outer = is_one_of(&seats, seat) ? (Record *)seat : NULL;
-    if (!outer || !outer->children || !PyList_Size(outer->children))
-        return !PyErr_Occurred();
+    const Record *outer = (Record *)seat;
     if (Py_EnterRecursiveCall(" in the turns of what a state runs"))
         return false;
-    PyObject *children = Py_NewRef(outer->children);
-    bool done = true;
+    PyObject *children = hold(outer->children);
+    Py_ssize_t number = children ? PyList_Size(children) : -1;
+    bool done = number >= 0;
     for (Py_ssize_t i = 0; done && i < PyList_Size(children); i++) {
         PyObject *child = Py_NewRef(PyList_GetItem(children, i));
-        done = child == Py_None || !is_inner(child) || give_turn(self, child, any);
+        done = child == Py_None || !is_inner(self, child) || give_turn(self, child, any);
         Py_DECREF(child);
     }
     Py_LeaveRecursiveCall();
-    Py_DECREF(children);
+    Py_XDECREF(children);
     return done;
 }
 
@@ -55,7 +54,10 @@ static bool give_turn(Record *self, PyObject *seat, bool *any)
     }
     if (done && self->_leaving && PyList_Size(self->_leaving))
         done = is_done(PyObject_CallMethod(rotation, "_let_go", NULL));
-    return done && give_children_turns(self, seat, any);
+    if (done && self->nests == Py_True && is_one_of(&seats, seat) &&
+        ((Record *)seat)->children != Py_None)
+        done = give_children_turns(self, seat, any);
+    return done;
 }
 
 
@@ -64,7 +66,8 @@ static PyObject *give_turns(PyObject *self, PyObject *turns)
     PyObject *iterator = PyObject_GetIter(turns), *seat;
     bool any = false, done = iterator;
     while (done && (seat = PyIter_Next(iterator))) {
-        done = seat == Py_None || is_inner(seat) || give_turn((Record *)self, seat, &any);
+        done = seat == Py_None || is_inner((Record *)self, seat) ||
+               give_turn((Record *)self, seat, &any);
         Py_DECREF(seat);
     }
     Py_XDECREF(iterator);

@@ -125,7 +125,7 @@ class Loader:
         name = f"{outer.name}/{outer.table.inner_name(state, number, type(machine).__name__)}"
         path = f"{outer.path}/{type(machine).table.path}"
         seat = Seat(machine, self._control, name, path, outer.renamed, {})
-        seat.inner = seat.called = True
+        seat.inner = seat.called = outer.kernel.nests = True
         seat.caller, seat.stopping = outer, outer.stopping
         return self.put(seat)
 
@@ -202,7 +202,7 @@ class Kernel(Rotation[Seat]):
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
-        self.rounds = 0
+        self.rounds, self.nests = 0, False
         self.stopping = False
         """True once the machines were asked to reach accepting states."""
         self.stop_is_seen = False

@@ -34,7 +34,8 @@ class Nested(InnerSeat, Protocol):
     current: BoundState
     states: dict[str, BoundState]
     suspension: BoundState
-    children: list[Any]
+    children: list[Any] | None
+    """What its current state runs, in the order of turns, with None for each that has ended."""
     parking: bool
     """Whether it is out of the arrangement, and may be returned to it."""
 
@@ -165,18 +166,19 @@ class Nest(Generic[S]):
                     seat.schedule(Request.RESUME)
             run.halted.clear()
             return
-        outer.children = [each for each in outer.children if each is not None]
+        turns = [each for each in outer.children or () if each is not None]
+        outer.children = turns
         if run is not None and run.parked:
             run.over = False
             for seat in run.parked:
                 seat.unpark()
-            outer.children += run.parked
+            turns += run.parked
             run.parked.clear()
             return
         run = self._runs[bound] = Run(state)
         for number in range(len(state.runs)):  # each one must end if the next cannot be loaded
             run.seats.append(outer.begin(state, number))
-            outer.children.append(run.seats[-1])
+            turns.append(run.seats[-1])
 
     def check(self, bound: BoundState) -> None:
         """Raise what a machine that the state runs has raised, as no transition has fired."""

@@ -71,7 +71,7 @@ class SeatFields:
     failure: object
     hang: str
     inner: bool
-    children: list[Any]
+    children: list[Any] | None
 
     if TYPE_CHECKING:  # what else of a seat turns need; the twin calls these methods, too
         name: str
@@ -157,6 +157,8 @@ class Rotation(Generic[S]):
     """Times the turns, if they are timed."""
     _gate: Callable[[], bool] | None
     """A round begins when this returns True: at its time, or at once; after the end it raises."""
+    nests: bool
+    """True once a state has run a machine: before that, no turn looks for one."""
     rounds: int
     """The number of rounds so far."""
 

@@ -149,7 +149,7 @@ class Seat(SeatFields):
         self.called = False  # whether somebody waits for its end
         self.caller: Seat | None = None  # the machine that does
         self.inner = False  # whether it has its turns right behind those of the caller
-        self.children = []
+        self.children = None
         self.left = False  # whether it has ended because its state was left
         self.parking = False  # whether it may be returned later
         self.hang = ""  # where its code hangs, as a watchdog has found
@@ -239,7 +239,7 @@ class Seat(SeatFields):
     def ask_to_stop(self) -> None:
         """Let the machine see that it is to stop, and what its states run."""
         self.stopping = self.machine.stopping = True
-        for child in self.children:
+        for child in self.children or ():
             if child is not None:
                 child.ask_to_stop()
 
@@ -499,8 +499,8 @@ class Seat(SeatFields):
         if self.taken:
             self.taken = False
             self.nest.leave_all(keep=self.parking)
-            if self.inner and self.caller is not None:
-                turns = self.caller.children
+            turns = self.caller.children if self.inner and self.caller is not None else None
+            if turns is not None:  # under way, it may be
                 turns[:] = [None if each is self else each for each in turns]
             self._wake_caller()
             self.post_safe("at_end")

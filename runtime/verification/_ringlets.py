@@ -446,7 +446,7 @@ class Ringlets(Control):
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
         seat.failure = self._failure if control.failed else None
-        seat.left, seat.parking, seat.children = control.left, control.parked, []
+        seat.left, seat.parking, seat.children = control.left, control.parked, None
         seat.stood = self._stood if seat.suspended else None
         seat.nest.restore(control.runs, self._states[place], self._by_name)
         if seat.taken is not control.loaded:

@@ -609,6 +609,7 @@ class Ends(RuleBasedStateMachine):
                 outer = seat.caller
                 assert outer is not None
                 assert outer.taken
+                assert outer.children is not None
                 assert seat in outer.children
                 assert "work" in (outer.current.name, outer.suspended and outer.remembered.name)
 
