@@ -96,7 +96,8 @@ export class Card {
 
   setCaller(name, depth) {
     this.calledBy = name;
-    setText(this.caller, name && `called by ${name}`);
+    const inside = this.name.startsWith(`${name}/`); // which its own name shows
+    setText(this.caller, name && !inside ? `called by ${name}` : "");
     this.element.style.setProperty("--depth", String(depth));
   }
 
