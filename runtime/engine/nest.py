@@ -153,6 +153,21 @@ class Nest(Generic[S]):
         """The states in which machines were called."""
         return self._called.keys()
 
+    def holds(self, seat: S, request: Request) -> bool:
+        """Check that a request to an inner machine waits for the end of the outer one's suspension.
+
+        What is asked for last decides whether it is suspended after that.
+        """
+        outer = self._outer
+        for bound, run in self._runs.items() if outer.suspended else ():
+            if seat in run.seats and not run.over and bound is not outer.suspension:
+                if seat in run.halted:
+                    run.halted.remove(seat)
+                if request is not Request.SUSPEND:
+                    run.halted.append(seat)
+                return request is not Request.SUSPEND
+        return False
+
     def call(self, bound: BoundState, called: S) -> None:
         """Let a machine that was called end with a state."""
         self._called.setdefault(bound, []).append(called)

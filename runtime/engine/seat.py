@@ -293,6 +293,8 @@ class Seat(SeatFields):
     def perform_request(self) -> None:
         """Apply and clear the request."""
         request, self.request = self.request, None
+        if request and self.caller is not None and self.caller.nest.holds(self, request):
+            return
         self.held = self.held and request is Request.SUSPEND
         if request is Request.SUSPEND:
             self.suspend()

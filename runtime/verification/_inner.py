@@ -24,6 +24,7 @@ from llfsm.runtime.engine.table import REQUIRED, run_by
 from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.events import Request
     from llfsm.runtime.engine.kernel import Control
     from llfsm.runtime.engine.ringlet import BoundState
     from llfsm.runtime.engine.state import State
@@ -153,6 +154,11 @@ class ExploredNest(Nest[Seat]):
             Submachine[Any](_Looked(seat, self._environment)) for seat in self.seats(bound)
         )
         return Submachines(each) if state.several else each[0] if each else Submachine(None)
+
+    def holds(self, seat: Seat, request: Request) -> bool:
+        """Check that a request to an inner machine waits for the outer one's suspension's end."""
+        self._environment.ask(self._seat.name)
+        return super().holds(seat, request)
 
     @property
     def waits(self) -> bool:

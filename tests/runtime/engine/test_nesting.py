@@ -368,6 +368,35 @@ def test_one_that_was_suspended_alone_stays_so() -> None:
     assert [*world.arrangement.states().values()] == ["work", "work", "Suspended"]
 
 
+@pytest.mark.parametrize("how", ["resume", "restart"])
+def test_nobody_wakes_one_whose_outer_machine_is_suspended(how: str) -> None:
+    world = World()
+    world.arrangement.suspend("Mission")
+    world.rounds(2)
+    world.posts.clear()
+    getattr(world.arrangement, how)("Mission/Arm/Wheel")
+    world.rounds(2)
+    assert set(world.arrangement.states().values()) == {"Suspended"}
+    assert world.posts == []
+    world.arrangement.resume("Mission")
+    world.rounds(1)
+    assert world.posts == ["Mission 1", "Arm 1", "Wheel 1"]
+
+
+def test_one_that_is_suspended_meanwhile_stays_so() -> None:
+    world = World()
+    world.arrangement.suspend("Mission")
+    world.rounds(2)
+    world.arrangement.suspend("Mission/Arm/Wheel")
+    world.rounds(1)
+    world.arrangement.resume("Mission")
+    world.rounds(2)
+    assert [*world.arrangement.states().values()] == ["work", "work", "Suspended"]
+    world.arrangement.resume("Mission/Arm/Wheel")
+    world.rounds(1)
+    assert world.machine("Mission/Arm/Wheel").state_name == "drive"
+
+
 class Alternates(Machine):
     """Drives, and waits in between."""
 

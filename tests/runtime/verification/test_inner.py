@@ -192,6 +192,23 @@ def test_properties_speak_of_them_by_name() -> None:
     )
 
 
+@pytest.mark.parametrize("on_error", ["stop", "suspend"])
+@pytest.mark.parametrize("asked", [["Mission"], ["Mission/Drive"], ["Mission", "Mission/Drive.0"]])
+def test_nothing_drives_on_whatever_is_asked_of_them(asked: list[str], on_error: Any) -> None:
+    def commands(v: Any, name: str) -> bool:
+        return v[name].loaded and not v[name].suspended
+
+    verify(
+        Mission,
+        always(lambda v: v[OUT].data == 0 or any(commands(v, name) for name in NAMES[1:])),
+        never(lambda v: v[OUT].data != 0 and v.Mission.suspended),
+        period_ms=10,
+        sensors={DOOR: DOORS},
+        suspend=asked,
+        on_error=on_error,
+    )
+
+
 def test_at_any_time_too() -> None:
     verify(
         Mission,
