@@ -48,6 +48,7 @@ _PYTHON_FILES = (".py",)
 _CODE_FILES = (".mm", ".cpp", ".cc", ".cxx", ".m", ".c")
 _HEADER_FILES = (".h", ".hpp", ".hh")
 _CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
+_RUN = re.compile(r"[\w.:]+")
 _TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOTALL)
 PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
 """The texts that a state can have, by which their files are called."""
@@ -150,6 +151,9 @@ class Reader:
         """Read the names of what a state runs, a line each."""
         listed = self.text(f"{stem}_{RUNS}")
         if listed is not None:
+            for line, text in enumerate(listed.text.splitlines(), 1):
+                if text.strip() and not _RUN.fullmatch(text.strip()):
+                    raise listed.error(f"{text.strip()!r} is not the name of a machine", line)
             return tuple(line.strip() for line in listed.text.splitlines() if line.strip())
         if self.exists(f"{stem}_{RUNS}"):
             raise BundleError(

@@ -117,6 +117,18 @@ def test_what_cannot_be_packaged(
     assert sorted(os.listdir(llfsm.cwd)) == ["Broken.machine", "Good.machine"]
 
 
+def test_the_bundles_that_states_run_come_along(llfsm: Llfsm, ros: list[str]) -> None:
+    for name in ("Outer", "Inner", "Innermost", "Other"):
+        write_bundle(llfsm.cwd / f"{name}.machine", "print(name)")
+    (llfsm.cwd / "Outer.machine" / "State_A_Runs").write_text("Inner\n")
+    (llfsm.cwd / "Inner.machine" / "State_A_Runs").write_text("Innermost\n")
+    assert llfsm.run("package", "Outer").returncode == 0
+    made = {each.name for each in (llfsm.cwd / "outer" / "outer").glob("*.machine")}
+    assert made == {"Outer.machine", "Inner.machine", "Innermost.machine"}
+    ended = run_entry(llfsm.cwd / "outer", *ros)
+    assert ended.stdout.split() == ["Outer", "Outer/Inner", "Outer/Inner/Innermost"]
+
+
 def test_a_package_is_not_overwritten(llfsm: Llfsm) -> None:
     write_bundle(llfsm.cwd / "Good.machine", "pass")
     assert llfsm.run("package", "Good").returncode == 0

@@ -22,7 +22,7 @@ from llfsm.cli.echo import echo
 from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
-from llfsm.runtime.bundles import read_bundle, require_python
+from llfsm.runtime.bundles import SUFFIX, read_bundle, require_python
 from llfsm.runtime.checking.bundles import check_bundle
 
 
@@ -120,8 +120,8 @@ def generate_launch_description() -> LaunchDescription:
 def package(machine: str, output: Path) -> None:
     """Write the ROS 2 package that starts MACHINE, named as for `llfsm run`.
 
-    A bundle is copied into it, and its code is not run. A class is imported, so it must be
-    installed where it runs.
+    A bundle is copied into it, with those that its states run, and its code is not run. A class is
+    imported, so it must be installed where it runs.
 
     \b
     llfsm package RosPingPong -o ~/ros2_ws/src
@@ -133,12 +133,12 @@ def package(machine: str, output: Path) -> None:
         cls = find_machine_class(machine)
         target = write_package(cls.__name__, cls.table.path, output)
     else:
-        bundle = read_bundle(folder)
-        require_python(bundle)
-        for each in check_bundle(folder, load=False):
-            if each.severity == "error":
-                raise PackageError(f"{each.file}:{each.line}: {each.text}")
-        target = write_package(bundle.name, folder, output)
+        for each in with_inner_bundles(folder):
+            require_python(read_bundle(each))
+            for found in check_bundle(each, load=False):
+                if found.severity == "error":
+                    raise PackageError(f"{found.file}:{found.line}: {found.text}")
+        target = write_package(read_bundle(folder).name, folder, output)
     echo(f"wrote {target}: ros2 run {target.name} {target.name}")
 
 
@@ -190,11 +190,22 @@ def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_text(Template(text).substitute(values), encoding="utf-8")
             if isinstance(origin, Path):
-                _copy_bundle(origin, draft / name / origin.name)
+                for each in with_inner_bundles(origin):
+                    _copy_bundle(each, draft / name / each.name)
             draft.rename(target)
     except OSError as error:
         raise PackageError(f"{target} cannot be written: {error}") from error
     return target
+
+
+def with_inner_bundles(folder: Path) -> list[Path]:
+    """List a bundle and those beside it that its states run, and so on; raise `BundleError`."""
+    found = [folder]
+    for each in found:  # which grows
+        names = {name for state in read_bundle(each).states for name in state.runs}
+        beside = (each.with_name(f"{name}{SUFFIX}") for name in sorted(names))
+        found += [inner for inner in beside if inner.is_dir() and inner not in found]
+    return found
 
 
 def _copy_bundle(source: Path, target: Path) -> None:

@@ -132,6 +132,12 @@ def test_a_file_that_names_nothing_is_refused(folder: Path) -> None:
         load_bundle(folder / "Mission.machine")
 
 
+def test_a_name_is_no_path(folder: Path) -> None:
+    (folder / "Mission.machine" / "State_out_Runs").write_text("Drive\n../Drive\n")
+    with pytest.raises(BundleError, match=r"State_out_Runs:2: '../Drive' is not the name of a mach"):
+        load_bundle(folder / "Mission.machine")
+
+
 def test_another_name_is_looked_up_in_the_library(folder: Path) -> None:
     (folder / "Mission.machine" / "State_out_Runs").write_text("Other\n")
     machine = load_bundle(folder / "Mission.machine")
