@@ -290,7 +290,8 @@ class Ringlets(Control):
             raise UnknownControlError({*needed}, needed, ended)
         after = [(other, self._variables_of(other)) for other in sorted(looked)]
         asked = tuple([(other, inner[other]) for other in sorted(needed)])
-        return asked, tuple([pair for pair in after if inner.get(pair[0]) != pair[1]])
+        # Of those that were made nothing is in `asked`, so what they are now is always an effect.
+        return asked, tuple([p for p in after if p[0] not in needed or inner[p[0]] != p[1]])
 
     def _forget_ended(self, place: int, touched: Iterable[str]) -> None:
         """Forget the inner machines that a ringlet has ended."""

@@ -134,7 +134,7 @@ def test_a_file_that_names_nothing_is_refused(folder: Path) -> None:
 
 def test_a_name_is_no_path(folder: Path) -> None:
     (folder / "Mission.machine" / "State_out_Runs").write_text("Drive\n../Drive\n")
-    with pytest.raises(BundleError, match=r"State_out_Runs:2: '../Drive' is not the name of a mach"):
+    with pytest.raises(BundleError, match=r"Runs:2: '../Drive' is not the name of a machine"):
         load_bundle(folder / "Mission.machine")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from llfsm.runtime import Actuator, Machine, Sensor, State, Submachine
@@ -107,8 +107,16 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
+PLAIN: dict[str, Any] = {
+    "leads": [], "second": [], "history": False, "counts": 0, "fails": None, "posts": False,
+}  # fmt: skip
+LOOKING = PLAIN | {"leads": [("door", 0, 0), ("looks", 0, 0)], "history": True, "counts": 2}
+PARKED = PLAIN | {"leads": [("door", 0, 0)], "second": ["time"], "counts": 1}
+
+
 @settings(max_examples=examples(40))
 @given(world=worlds)
+@example(world=(PLAIN, LOOKING, PARKED, "middle", []))  # what was put away is forgotten at the end
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
 @pytest.mark.usefixtures("_quiet")
 def test_random_machines_have_as_many_states_as_replayed_runs(world: Any) -> None:
