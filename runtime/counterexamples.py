@@ -24,6 +24,7 @@ from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
+from llfsm.runtime.verification._inner import inner_seats
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
@@ -150,12 +151,15 @@ class LiveSituation:
     """The state of machines that run as it is now, those that have left included."""
 
     def __init__(self, environment: ScriptedEnvironment):
-        seats = {name: machine._seat for name, machine in environment.machines.items()}
+        loaded = {name: machine._seat for name, machine in environment.machines.items()}
+        outermost = [seat for seat in loaded.values() if not seat.inner]
+        unloaded = {each.name: each for seat in outermost for each in inner_seats(seat)}
+        seats = {**unloaded, **loaded}
         self.seats: Mapping[str, Seat] = seats
         self.defaults: Mapping[str, Any] = defaults_of(seats.values())
         slots = _slots_of(seats.values())
         self._contents = {name: environment.content(slot) for name, slot in slots.items()}
-        self._controls = {name: ControlState.of(seat) for name, seat in seats.items()}
+        self._controls = {name: ControlState.shown(seat) for name, seat in seats.items()}
         self._variables, self._seen = {}, {}
         for name, seat in seats.items():
             attributes, table = vars(seat.machine), type(seat.machine).table

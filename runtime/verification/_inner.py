@@ -74,10 +74,7 @@ class InnerLoader(Loader):
                     f"{outer.name}.{state.name} runs {cls.__qualname__} inside of itself: this "
                     f"cannot be explored"
                 )
-            name = f"{outer.name}/{outer.table.inner_name(state, number, cls.__name__)}"
-            path = f"{outer.path}/{cls.table.path}"
-            seat = Seat(_blank(cls), self._control, name, path, outer.renamed, {})
-            seat.called, seat.caller = True, outer
+            seat = _seat(outer, state, number, cls)
             self._places[outer.name, state.name, number, cls] = super().put(seat)
             yield seat
 
@@ -241,6 +238,25 @@ class _Looked:
     def leave(self) -> None:
         """Unload the machine if it is loaded."""
         self._seat.leave()
+
+
+def inner_seats(outer: Seat) -> Iterator[Seat]:
+    """Make a seat for each machine that states of one may run, as one that is not loaded."""
+    for state in outer.table.states:
+        for number, runs in enumerate(state.runs):
+            for cls in run_by(runs):
+                if all(type(each.machine) is not cls for each in _outwards(outer)):
+                    inner = _seat(outer, state, number, cls)
+                    yield inner
+                    yield from inner_seats(inner)
+
+
+def _seat(outer: Seat, state: State, number: int, cls: type[Machine]) -> Seat:
+    name = f"{outer.name}/{outer.table.inner_name(state, number, cls.__name__)}"
+    path = f"{outer.path}/{cls.table.path}"
+    seat = Seat(_blank(cls), outer.control, name, path, outer.renamed, {})
+    seat.called, seat.caller = True, outer
+    return seat
 
 
 def _outwards(seat: Seat | None) -> Iterator[Seat]:

@@ -43,7 +43,10 @@ class PackedSituation:
 
     def variables(self, machine: str) -> Mapping[str, Any]:
         """Return a machine's variables."""
-        codes = self._tables.system.ringlets.variables[self._place(machine)]
+        place, system = self._place(machine), self._tables.system
+        if not system.shows(place):
+            raise UnnamedFieldError
+        codes = system.ringlets.variables[place]
         variables: Variables = codes.values[self._code(("variables", machine))]
         return variables[0]
 

@@ -326,10 +326,7 @@ class System:
         except UnknownControlError as error:
             self.mentions[place] |= error.touched
             self.looks[place] |= error.looked
-            if error.kept:  # until now these were forgotten
-                self.ringlets.kept |= error.kept
-                self._kept.clear()
-                self._kinds.clear()
+            self._keep(error.kept)
             raise RelearnError from None
         if outcome.limits:
             self._learn_limits(place, outcome)
@@ -342,6 +339,22 @@ class System:
             self._kinds[kind] = given, outcome
         self._learn_leavers((place, outcome.control), *outcome.others)
         return outcome
+
+    def shows(self, place: int) -> bool:
+        """Check that a property may ask for a machine's variables; else it may the next time.
+
+        Those of an inner machine that has ended are forgotten until then.
+        """
+        if place not in self.ringlets.inner or place in self.ringlets.kept:
+            return True
+        self._keep({place})
+        return False
+
+    def _keep(self, places: set[int]) -> None:
+        if not places <= self.ringlets.kept:  # until now these were forgotten
+            self.ringlets.kept |= places
+            self._kept.clear()
+            self._kinds.clear()
 
     def _learn_limits(self, place: int, outcome: RingletOutcome) -> None:
         """Note the times that a ringlet asks about, up to the first for which there is no room.

@@ -85,6 +85,17 @@ class ControlState(NamedTuple):
             seat.nest.standing,
         )
 
+    @classmethod
+    def shown(cls, seat: Seat) -> Self:
+        """Read that of a machine that runs; an inner one that has ended is as at its begin."""
+        control = cls.of(seat)
+        if seat.caller is None or seat.taken or seat.parking or not seat.inner:
+            return control
+        initial = seat.initial.name
+        return control._replace(
+            current=initial, previous=None, remembered=initial, request=None, begun=False
+        )
+
     def withdrawn_by(self, request: Request | None) -> bool:
         """Check for a pending restart, which `request` replaces only after a suspend."""
         return request is Request.RESUME and self.request is Request.RESTART

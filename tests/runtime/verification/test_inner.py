@@ -11,8 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from llfsm.runtime import Actuator, Machine, Sensor, State, Submachine
-from llfsm.runtime.counterexamples import story_of
+from llfsm.runtime.counterexamples import holds, replay, script_of, story_of
 from llfsm.runtime.engine.machine import define
+from llfsm.runtime.testing import InvariantError, play
 from llfsm.runtime.verification import (
     PropertyError,
     UnsupportedError,
@@ -236,6 +237,26 @@ def test_a_counterexample_is_a_run_of_real_machines() -> None:
     text = str(raised.value)
     assert "Mission/Drive.0" in text
     assert "violated after" in text
+
+
+def test_views_of_runs_show_what_proofs_do() -> None:
+    prop = never(lambda v: v.Mission.state == "rest" and v["Mission/Drive.0"].turns == 2)
+    space = explore(Mission, period_ms=10, sensors={DOOR: DOORS}, properties=[prop])
+    (verdict,) = space.verdicts
+    assert verdict.holds is False  # what a machine was is seen after its end, too
+    assert verdict.witness is not None
+    views = replay(space, verdict.witness)
+    assert [view["Mission/Drive.0"].loaded for view in views[:2]] == [False, False]
+    assert views[-1]["Mission/Drive.0"].turns == 2
+    assert not views[-1]["Mission/Drive.0"].loaded
+    assert views[-1]["Mission/Drive.0"].state == "go"  # as at its begin
+    with pytest.raises(InvariantError):
+        play(
+            [Mission],
+            script_of(verdict.witness, space),
+            invariant=holds(prop),
+            unload_accepting=True,
+        )
 
 
 def test_a_failure_that_is_not_handled_is_found() -> None:
