@@ -24,8 +24,8 @@ from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
-from llfsm.runtime.verification._inner import inner_seats
 from llfsm.runtime.verification.environment import ControlState
+from llfsm.runtime.verification.inner import inner_seats
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     Property,

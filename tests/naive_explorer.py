@@ -20,7 +20,7 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.seat import NEVER, Failure, Seat
 from llfsm.whiteboard import Slot, Whiteboard
 
-__all__ = ["Explored", "May", "naively_explored"]
+__all__ = ["START_NS", "Elapsed", "Explored", "May", "naively_explored"]
 
 START_NS = 10**15  # more than any limit, so that no state is entered before time began
 FAILURE = Failure(ExecutionError("it has failed", "", "", "", None, None), 0)

@@ -23,28 +23,13 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import NEVER, Seat
 from llfsm.whiteboard import Slot
+from naive_explorer import START_NS, Elapsed
 
 __all__ = ["LOOKED", "Replayed", "replayed"]
 
 LOOKED: set[str] = set()
 """The names of machines at whose variables code has looked after they had ended."""
-START_NS = 10**15  # more than any limit, so that no state is entered before time began
 Choice = tuple[tuple[tuple[str, Any], ...], Request | None]
-
-
-class Elapsed(int):
-    """The time since a state was entered, which notes what it is compared with."""
-
-    asked: Callable[[bool, float], None]
-    entered_now: bool
-
-    def __le__(self, limit: float) -> bool:
-        self.asked(self.entered_now, limit)
-        return int(self) <= limit
-
-    def __gt__(self, limit: float) -> bool:
-        self.asked(self.entered_now, limit)
-        return int(self) > limit
 
 
 class Moment(int):

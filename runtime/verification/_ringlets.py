@@ -22,7 +22,6 @@ from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Failure, Seat
-from llfsm.runtime.verification._inner import InnerLoader
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -33,6 +32,7 @@ from llfsm.runtime.verification.environment import (
     UnknownControlError,
 )
 from llfsm.runtime.verification.errors import UnsupportedError
+from llfsm.runtime.verification.inner import InnerLoader
 from llfsm.runtime.verification.values import (
     PLAIN,
     Codes,

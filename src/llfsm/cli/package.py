@@ -24,6 +24,7 @@ from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import SUFFIX, read_bundle, require_python
 from llfsm.runtime.checking.bundles import check_bundle
+from llfsm.runtime.engine.errors import BundleError
 
 
 class PackageError(LlfsmError):
@@ -193,7 +194,7 @@ def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
                 for each in with_inner_bundles(origin):
                     _copy_bundle(each, draft / name / each.name)
             draft.rename(target)
-    except OSError as error:
+    except (OSError, BundleError) as error:
         raise PackageError(f"{target} cannot be written: {error}") from error
     return target
 

@@ -19,18 +19,10 @@ from llfsm.runtime import (
     State,
     Submachine,
 )
-from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
 
-
-class Speed(Message):
-    """A command, and who has given it."""
-
-    by: str = ""
-    value: int = 0
-
-
-WHEEL, ARM, LAMP = (Slot(name, Speed) for name in ("wheel", "arm", "lamp"))
+from .commands import ARM, LAMP, WHEEL, Heard, Speed
 
 
 class Wheel(Machine):
@@ -91,19 +83,6 @@ class Mission(Machine):
 
     work.to(rest, when=lambda self: self.stopping)
     rest.to(rest, when=lambda self: False)
-
-
-class Heard:
-    """Keeps what is posted to a slot, in a list that several may share."""
-
-    def __init__(self, board: LocalBoard, slot: Slot[Speed], posts: list[str]):
-        self._bound, self._posts = board[slot], posts
-        self._bound.on_add(self.note)
-
-    def note(self, _: int) -> None:
-        found = self._bound.get()
-        assert found is not None
-        self._posts.append(f"{found.by} {found.value}")
 
 
 class World:
