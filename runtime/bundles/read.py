@@ -48,7 +48,7 @@ _PYTHON_FILES = (".py",)
 _CODE_FILES = (".mm", ".cpp", ".cc", ".cxx", ".m", ".c")
 _HEADER_FILES = (".h", ".hpp", ".hh")
 _CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
-_RUN = re.compile(r"[\w.:]+")
+RUN = re.compile(r"[\w.:]+")
 _TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOTALL)
 PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
 """The texts that a state can have, by which their files are called."""
@@ -152,7 +152,7 @@ class Reader:
         listed = self.text(f"{stem}_{RUNS}")
         if listed is not None:
             for line, text in enumerate(listed.text.splitlines(), 1):
-                if text.strip() and not _RUN.fullmatch(text.strip()):
+                if text.strip() and not RUN.fullmatch(text.strip()):
                     raise listed.error(f"{text.strip()!r} is not the name of a machine", line)
             return tuple(line.strip() for line in listed.text.splitlines() if line.strip())
         if self.exists(f"{stem}_{RUNS}"):

@@ -14,7 +14,7 @@ from operator import delitem
 from typing import TypeAlias
 
 from llfsm.runtime.bundles.plist import described_path
-from llfsm.runtime.bundles.read import NOT_FINAL
+from llfsm.runtime.bundles.read import HISTORY, NOT_FINAL, RUN, RUNS
 from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.editing._draft import CodeEdit, Draft
 from llfsm.runtime.editing._layout_edits import (
@@ -284,8 +284,25 @@ class SetFinal(CodeEdit, frozen=True, tag="set final"):
         draft.put(name, None if self.final else b"\n")
 
 
+class SetRuns(CodeEdit, frozen=True, tag="set runs"):
+    """Let a state run machines, by the names of their bundles, or none."""
+
+    state: str
+    runs: tuple[str, ...]
+    history: bool = False
+
+    def _change(self, draft: Draft) -> None:
+        for name in self.runs:
+            if not RUN.fullmatch(name):
+                raise EditError(f"{name!r} is not the name of a machine")
+        stem = f"State_{draft.state(self.state).name}"
+        text = "".join(f"{name}\n" for name in self.runs)
+        draft.put(f"{stem}_{RUNS}", text.encode() or None)
+        draft.put(f"{stem}_{HISTORY}", b"\n" if self.runs and self.history else None)
+
+
 StateEdit: TypeAlias = (
-    AddState | DeleteState | OrderState | RenameState | SetFinal | SetSuspendState
+    AddState | DeleteState | OrderState | RenameState | SetFinal | SetRuns | SetSuspendState
     | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
 )  # fmt: skip
 

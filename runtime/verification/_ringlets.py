@@ -140,6 +140,7 @@ class Ringlets(Control):
         self._failure = Failure(raised, NEVER)  # of each: what was raised is no part of a state
         moment: Any = Unknown(self.environment, "the time at which it was suspended in place")
         self._stood = moment, moment
+        self._stands = False  # whether any machine may be resumed in place
         self._complete = False
         for member in members:
             member.load(self)
@@ -155,6 +156,7 @@ class Ringlets(Control):
         """Those whose variables matter after they have ended."""
         for seat in self.seats:
             require_explorable(type(seat.machine))
+            self._stands |= any(state.resume == "in_place" for state in seat.table.states)
         self.controls = [Codes() for _ in self.seats]
         self.variables = [Codes() for _ in self.seats]
         self.messages: dict[str, Codes] = {}
@@ -447,9 +449,11 @@ class Ringlets(Control):
         seat.accepted = control.accepted
         seat.entered_ns = self.environment.entered if control.begun else NEVER
         seat.failure = self._failure if control.failed else None
-        seat.left, seat.parking, seat.children = control.left, control.parked, None
-        seat.stood = self._stood if seat.suspended else None
-        seat.nest.restore(control.runs, self._states[place], self._by_name)
+        if self._stands:
+            seat.stood = self._stood if seat.suspended else None
+        if self.inner:
+            seat.left, seat.parking, seat.children = control.left, control.parked, None
+            seat.nest.restore(control.runs, self._states[place], self._by_name)
         if seat.taken is not control.loaded:
             seat.taken = control.loaded
             if control.loaded:
@@ -463,11 +467,12 @@ class Ringlets(Control):
     def _control_of(self, place: int) -> int:
         seat = self.seats[place]
         begun = seat.entered_ns != NEVER
-        standing = (
+        standing: _Standing = (
             *(seat.current, seat.previous, seat.remembered),
             *(seat.request, seat.accepted, seat.taken, begun, seat.failure is not None),
-            *(seat.left, seat.parking, seat.nest.standing),
         )
+        if self.inner:
+            standing = *standing, seat.left, seat.parking, seat.nest.standing
         number = self._standings[place].get(standing)
         if number is None:
             control = ControlState.of(seat)
