@@ -233,3 +233,27 @@ def test_ps_shows_who_called_a_machine_and_how_long_an_override_lasts(
     assert (reported["Count"]["caller"], reported["Boss"]["caller"]) == ("Boss", "")
     assert 0 <= reported["Count"]["overridden"].pop("pose") <= 7
     assert reported["Count"]["overridden"] == {"odom": None}
+
+
+def test_ps_lists_each_machine_once_whatever_is_said_of_its_caller(
+    llfsm: Llfsm, board: str
+) -> None:
+    status = MachineStatus(
+        "A", pid=os.getpid(), born=born(os.getpid()), host=host_name(), namespace=pid_namespace()
+    )
+    callers = {
+        "Boss/Inner/Innermost": "Boss/Inner",
+        "Boss/Inner": "Boss",
+        "Boss": "",
+        "Itself": "Itself",
+        "One": "Other",
+        "Other": "One",
+        "Orphan": "Gone",
+    }
+    with Whiteboard(board) as wb:
+        for name, caller in callers.items():
+            wb.add_message(status_slot(name), replace(status, caller=caller))
+        lines = llfsm.run("ps", "-b", board).stdout.splitlines()[1 : len(callers) + 1]
+    names = [line.partition(" A ")[0].rstrip() for line in lines]
+    assert names[:4] == ["Boss", "  Boss/Inner", "    Boss/Inner/Innermost", "Orphan"]
+    assert sorted(name.strip() for name in names) == sorted(callers)

@@ -167,19 +167,23 @@ def require_host(fleet: FleetReader) -> None:
 
 
 def depth_first(machines: Iterable[RemoteMachine]) -> Iterator[tuple[int, RemoteMachine]]:
-    """Yield how many machines each one is inside of, and each; its own inner ones come next."""
+    """Yield how many machines each one is inside of, and each; its own inner ones come next.
+
+    Whatever their statuses say of their callers, each comes once: any process may write these.
+    """
+    left = {(each.status.pid, each.name): each for each in machines}
     inner: dict[tuple[int, str], list[RemoteMachine]] = {}
-    names = set()
-    for each in machines:
-        names.add((each.status.pid, each.name))
+    for each in left.values():
         inner.setdefault((each.status.pid, each.status.caller), []).append(each)
-    outermost = [each for of, group in inner.items() if of not in names for each in group]
-    todo = [(0, each) for each in sorted(outermost, key=lambda each: each.name)[::-1]]
+    outermost = [each for of, group in inner.items() if of not in left for each in group]
+    first = sorted(outermost, key=lambda each: each.name)
+    todo = [(0, each) for each in (*first, *left.values())][::-1]  # the rest calls each other
     while todo:
         depth, machine = todo.pop()
-        yield depth, machine
         of = machine.status.pid, machine.name
-        todo += [(depth + 1, each) for each in inner.get(of, ())[::-1]]
+        if left.pop(of, None) is not None:
+            yield depth, machine
+            todo += [(depth + 1, each) for each in inner.get(of, ())[::-1]]
 
 
 def _row(machine: RemoteMachine, depth: int) -> tuple[str, ...]:
