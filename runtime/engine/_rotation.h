@@ -60,7 +60,6 @@ static bool give_turn(Record *self, PyObject *seat, bool *any)
     return done;
 }
 
-
 static PyObject *give_turns(PyObject *self, PyObject *turns)
 {
     PyObject *iterator = PyObject_GetIter(turns), *seat;

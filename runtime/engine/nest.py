@@ -31,6 +31,7 @@ class Nested(InnerSeat, Protocol):
     accepted: bool
     taken: bool
     left: bool
+    request: Request | None
     current: BoundState
     states: dict[str, BoundState]
     suspension: BoundState
@@ -52,11 +53,14 @@ class Nested(InnerSeat, Protocol):
     def halt(self) -> None:
         """Suspend the machine now: OnSuspend runs, and the next turn is in the suspend state."""
 
-    def park(self) -> None:
-        """Suspend the machine now and take it out of the arrangement, to be returned to it."""
+    def park(self, *, wakes: bool) -> None:
+        """Suspend the machine now and take it out of the arrangement, to be returned to it.
+
+        Its next turn there resumes it if it `wakes`; else it was suspended alone, and stays so.
+        """
 
     def unpark(self) -> None:
-        """Return a machine that was parked, to be resumed at its next turn."""
+        """Return a machine that was parked."""
 
 
 S = TypeVar("S", bound=Nested)
@@ -216,7 +220,8 @@ class Nest(Generic[S]):
         if run is not None and not run.over:
             for seat in reversed(run.seats):
                 if seat.taken and not seat.suspended:
-                    run.halted.append(seat)
+                    if seat.request is not Request.SUSPEND:  # which would be one of its own
+                        run.halted.append(seat)
                     seat.halt()
 
     def leave(self, bound: BoundState, *, keep: bool) -> None:
@@ -229,14 +234,16 @@ class Nest(Generic[S]):
         if run is None or run.over:
             return
         run.over = True
-        run.halted.clear()
+        halted, run.halted = run.halted, []
         keep = keep and run.history and not any(seat.failure for seat in run.seats)
         for seat in reversed(run.seats):
             if seat.taken:
                 seat.left = True
                 if keep:
                     run.parked.insert(0, seat)
-                    seat.park()
+                    asked = seat.request  # what is asked for last decides
+                    wakes = not seat.suspended or seat in halted
+                    seat.park(wakes=wakes if asked is None else asked is not Request.SUSPEND)
                 else:
                     seat.leave()
 

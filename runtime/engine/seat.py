@@ -277,18 +277,18 @@ class Seat(SeatFields):
                 raise
             self.kernel.fail(self, explained)
 
-    def park(self) -> None:
+    def park(self, *, wakes: bool) -> None:
         """Suspend the machine now and take it out of the arrangement, to be returned to it."""
         if not self.suspended:
             self.halt()
+        self.request = Request.RESUME if wakes else None
         self.parking = True
         self.leave()
 
     def unpark(self) -> None:
-        """Return a machine that was parked, to be resumed at its next turn."""
+        """Return a machine that was parked."""
         self.parking = self.left = False
         self.control.loader.put(self)
-        self.request = Request.RESUME
 
     def perform_request(self) -> None:
         """Apply and clear the request."""

@@ -414,6 +414,71 @@ def test_with_a_history_it_goes_on_where_it_was_left(kind: type[Arrangement]) ->
     assert world.machine("Alternates/Wheel") is not wheel
 
 
+class Two(Machine):
+    """Drives and moves at once."""
+
+    work = State(runs=[Wheel, Arm], history=True)
+    wait = State()
+    away: bool = False
+    work.to(wait, when_failed=True)
+    work.to(wait, when=lambda self: self.away)
+    wait.to(work, when=lambda self: not self.away)
+
+
+@pytest.mark.parametrize("how", ["suspend", "unload", "leave"])
+def test_of_several_the_last_one_ends_first(how: str) -> None:
+    two = Two()
+    world = World(mission=two)
+    two.away = how == "leave"
+    if how != "leave":
+        getattr(world.arrangement.control, how)("Two")
+    world.rounds(1)
+    arm = next(place for place, each in enumerate(world.posts) if each.startswith("Arm"))
+    assert "Wheel" in world.posts[0]  # that of the arm, which is inside it
+    assert "Wheel" in world.posts[-1]
+    assert 0 < arm < len(world.posts) - 1
+
+
+def test_after_a_failure_all_begin_anew() -> None:
+    two = Two()
+    world = World(mission=two)
+    before = two.work.machines
+    before[0].bad = True
+    world.rounds(2)
+    assert two.state_name == "wait"
+    two.away = False
+    world.rounds(2)
+    assert two.state_name == "work"
+    assert all(each not in before for each in two.work.machines)
+
+
+@pytest.mark.parametrize("outer_first", [False, True])
+def test_both_may_be_suspended_in_one_round(outer_first: bool) -> None:
+    world = World()
+    names = ["Mission", "Mission/Arm/Wheel"]
+    for name in names if outer_first else names[::-1]:
+        world.arrangement.suspend(name)
+    world.rounds(2)
+    world.arrangement.resume("Mission")
+    world.rounds(2)
+    assert [*world.arrangement.states().values()] == ["work", "work", "Suspended"]
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_with_a_history_one_that_was_suspended_alone_stays_so(alone: bool) -> None:
+    alternates = Alternates()
+    world = World(mission=alternates)
+    world.arrangement.suspend("Alternates/Wheel" if alone else "Alternates")
+    world.rounds(1)
+    if not alone:  # it leaves its state while it is suspended, and so does what it runs
+        world.arrangement.resume("Alternates")
+    alternates.away = True
+    world.rounds(2)
+    alternates.away = False
+    world.rounds(2)
+    assert world.arrangement.states()["Alternates/Wheel"] == ("Suspended" if alone else "drive")
+
+
 def test_a_restart_forgets_the_history() -> None:
     alternates = Alternates()
     world = World(mission=alternates)
