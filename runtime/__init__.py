@@ -19,6 +19,7 @@ from llfsm.runtime.engine.errors import (
     ExecutionError,
     FsmError,
     GuardResultError,
+    KeepError,
     LoadError,
     NotLoadedError,
     NotPausedError,
@@ -39,7 +40,7 @@ from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
 from llfsm.runtime.engine.state import State, Transition
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.submachine import Submachine, Submachines
-from llfsm.runtime.engine.table import REQUIRED, Table, Variable
+from llfsm.runtime.engine.table import REQUIRED, Table, Variable, variable
 from llfsm.runtime.presence.live import LiveEnvironment
 
 # An arrangement on a whiteboard is seen and controlled by other processes. The engine knows none.
@@ -63,6 +64,7 @@ __all__ = [
     "ExecutionError",
     "FsmError",
     "GuardResultError",
+    "KeepError",
     "LiveEnvironment",
     "LoadError",
     "Machine",
@@ -98,4 +100,5 @@ __all__ = [
     "Variable",
     "VariableError",
     "define",
+    "variable",
 ]

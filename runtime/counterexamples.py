@@ -17,6 +17,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from llfsm.runtime._values import message_text
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Turn
@@ -36,7 +37,6 @@ from llfsm.runtime.verification.properties import (
     on_a_screen,
     some_failed,
 )
-from llfsm.runtime.verification.values import message_text
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from agreement import DOMAINS
 from llfsm.runtime import Arrangement, ExecutionError
+from llfsm.runtime._values import freeze
 from llfsm.runtime.counterexamples import LiveSituation
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.engine.kernel import OnError
@@ -17,7 +18,6 @@ from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
 from llfsm.runtime.verification._predicates import PackedSituation
 from llfsm.runtime.verification.properties import Situation
-from llfsm.runtime.verification.values import freeze
 from random_machines import FRESH, LEFT, RIGHT, SHARED, Ages, ages, built, specs
 
 __all__ = ["Boundary", "Follower", "Happenings", "assert_contained", "happenings"]

@@ -37,7 +37,7 @@ from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.source_text import EXPRESSION, TextOnly
 from llfsm.runtime.engine.state import State, Transition
-from llfsm.runtime.engine.table import MAY_BE_OWN, REQUIRED, Table
+from llfsm.runtime.engine.table import MAY_BE_OWN, REQUIRED, Described, Table
 from llfsm.runtime.expressions.reads import MACHINE
 
 CONTROLS = {
@@ -195,7 +195,7 @@ class LoadedScope(Scope):
         default = REQUIRED if node.value is None else evaluate(node.value, fragment, values)
         annotation = evaluate(node.annotation, fragment, values)
         self.variables[self.prefix + name] = annotation, default
-        self._values[name] = default
+        self._values[name] = default.default if isinstance(default, Described) else default
 
     def port(self, name: str, node: ast.Assign, fragment: Fragment) -> str:
         """Make a port."""

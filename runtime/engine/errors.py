@@ -82,6 +82,10 @@ class LoadError(FsmError):
     """A machine cannot be loaded as asked."""
 
 
+class KeepError(FsmError):
+    """Machines cannot be kept in a file, or cannot go on where it has them."""
+
+
 class ActuatorTakenError(LoadError):
     """A live machine posts exclusively to a slot that this one claims exclusively."""
 

@@ -115,11 +115,11 @@ class Loader:
             self._kernel.timetable.check_has(name)
         return self.put(Seat(machine, self._control, name, path, slots or {}, variables or {}))
 
-    def begin(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
-        """Load what a state of the machine in `outer` runs, to have its turns behind it.
+    def seat_within(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
+        """Make the seat of what a state of the machine in `outer` runs.
 
-        It is called as in "Outer/Inner". Where slots have other names for the outer machine, they
-        have for the inner one.
+        It is to have its turns behind it, and is called as in "Outer/Inner". Where slots have
+        other names for the outer machine, they have for the inner one.
         """
         machine = self._make(made, None)
         name = f"{outer.name}/{outer.table.inner_name(state, number, type(machine).__name__)}"
@@ -127,7 +127,7 @@ class Loader:
         seat = Seat(machine, self._control, name, path, outer.renamed, {})
         seat.inner = seat.called = outer.kernel.nests = True
         seat.caller, seat.stopping = outer, outer.stopping
-        return self.put(seat)
+        return seat
 
     def put(self, seat: Seat) -> Seat:
         """Give a seat its place and name, connect it, and return it."""

@@ -250,13 +250,17 @@ class Seat(SeatFields):
 
     def begin(self, state: State, number: int) -> Seat:
         """Load what a state runs into a seat of its own, and return that."""
+        return self.control.loader.put(self.prepare(state, number))
+
+    def prepare(self, state: State, number: int) -> Seat:
+        """Make what a state runs and its seat, which has no place yet."""
         if self.depth == _MOST_DEEP:
             raise LoadError(
                 f"{self.name} is {_MOST_DEEP} machines deep: do their states run each other?"
             )
         runs = state.runs[number]
         made = runs if isinstance(runs, str | type) else runs(self.machine)
-        return self.control.loader.begin(self, state, number, made)
+        return self.control.loader.seat_within(self, state, number, made)
 
     def leave(self) -> None:
         """Unload the machine if it is loaded."""

@@ -13,7 +13,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from itertools import count, islice
 from types import FunctionType, MappingProxyType
-from typing import Any, ClassVar, Final, ForwardRef, NamedTuple, TypeAlias, get_origin
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    ForwardRef,
+    NamedTuple,
+    TypeAlias,
+    TypeVar,
+    cast,
+    get_origin,
+)
 
 from llfsm.runtime.engine.errors import DefinitionError, UnreachableStateWarning, VariableError
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -59,8 +69,27 @@ class MachineLayout(NamedTuple):
 REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 """The default of a variable that has none."""
 
+T = TypeVar("T")
+
 _SHARED = (list, dict, set, bytearray)
 _DECLARED = (State, Sensor, Actuator)
+
+
+class Described(NamedTuple):
+    """A variable's default with what `variable` says of it."""
+
+    default: Any
+    kept: bool
+
+
+def variable(default: T, *, kept: bool = True) -> T:
+    """Declare a variable's default in a class or bundle, and whether it is `kept` in a file.
+
+    As in ``cache: dict[str, int] = variable({}, kept=False)``: after a restart of the process it
+    has its default again. What `keep_in` writes needs no value of it.
+    """
+    described: Any = Described(default, kept)
+    return cast("T", described)
 
 
 class Variable(NamedTuple):
@@ -70,6 +99,8 @@ class Variable(NamedTuple):
     owner: type
     annotation: Any
     default: Any
+    kept: bool = True
+    """Whether a file of kept machines has it."""
 
     def initial(self) -> Any:
         """Return the value for a new machine: a copy, so that machines share nothing."""
@@ -328,7 +359,10 @@ def _variables(cls: type, owners: list[type]) -> Iterator[Variable]:
         for name, annotation in annotations.items():
             default = getattr(cls, name, REQUIRED)
             if not _is_constant(annotation) and not isinstance(default, _DECLARED):
-                yield Variable(name, owner, annotation, default)
+                declared = [vars(base).get(name) for base in cls.__mro__]
+                kept = all(each.kept for each in declared if isinstance(each, Described))
+                plain = default.default if isinstance(default, Described) else default
+                yield Variable(name, owner, annotation, plain, kept)
         for name, value in vars(owner).items():
             if isinstance(value, _SHARED) and name not in annotations and name[:2] != "__":
                 raise DefinitionError(

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from llfsm.runtime._values import Variables
 from llfsm.runtime.verification._system import RelearnError
 from llfsm.runtime.verification._tables import FieldName, Tables
 from llfsm.runtime.verification._twin import States
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.errors import PredicateError
 from llfsm.runtime.verification.properties import Property, View, evaluate
-from llfsm.runtime.verification.values import Variables
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.seat import Seat

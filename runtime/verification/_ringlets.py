@@ -15,6 +15,15 @@ from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
 
+from llfsm.runtime._values import (
+    PLAIN,
+    Codes,
+    UnknownValueError,
+    Variables,
+    freeze,
+    other_copy,
+    own_copy,
+)
 from llfsm.runtime.engine.clock import NEVER
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.engine.events import Request
@@ -33,15 +42,6 @@ from llfsm.runtime.verification.environment import (
 )
 from llfsm.runtime.verification.errors import UnsupportedError
 from llfsm.runtime.verification.inner import InnerLoader
-from llfsm.runtime.verification.values import (
-    PLAIN,
-    Codes,
-    UnknownValueError,
-    Variables,
-    freeze,
-    other_copy,
-    own_copy,
-)
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status

@@ -30,6 +30,7 @@ from types import FrameType, FunctionType, MethodType, ModuleType, SimpleNamespa
 from typing import Any, Final, NamedTuple, cast
 
 from llfsm import errors
+from llfsm.runtime._values import shuffled
 from llfsm.runtime.engine.events import Eval, Event, Section
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -41,7 +42,6 @@ from llfsm.runtime.expressions.reads import names_in
 from llfsm.runtime.verification._ringlets import GiveTurns, Ringlets
 from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
 from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
-from llfsm.runtime.verification.values import shuffled
 
 _LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
 _MACHINES: Final = os.path.join(_LLFSM, "machines", "")

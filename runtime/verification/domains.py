@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, overload
 import msgspec
 
 from llfsm.errors import did_you_mean
+from llfsm.runtime._values import UnknownValueError, freeze
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.kernel import Factory
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import MOST, messages_of_domain
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
-from llfsm.runtime.verification.values import UnknownValueError, freeze
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Control

@@ -78,7 +78,7 @@ class InnerLoader(Loader):
             self._places[outer.name, state.name, number, cls] = super().put(seat)
             yield seat
 
-    def begin(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
+    def seat_within(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
         """Give the place of what a state runs to the machine that was made."""
         machine = self._make(made, None)
         seat = self._places.get((outer.name, state.name, number, type(machine)))
@@ -90,7 +90,7 @@ class InnerLoader(Loader):
         self._environment.ask(seat.name)
         self._begin_anew(seat)
         vars(seat.machine).update(vars(machine))
-        return self.put(seat)
+        return seat
 
     def put(self, seat: Seat) -> Seat:
         """Let a machine be there that has a place."""

@@ -21,11 +21,11 @@ from types import CodeType, FrameType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.runtime._values import message_text
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.source_text import expression_of
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.values import message_text
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.machine import Machine

@@ -13,6 +13,7 @@ from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple, TextIO
 
+from llfsm.runtime._values import message_text
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.verification._breadth_first import Search, Successor
 from llfsm.runtime.verification._predicates import PackedSituation, UnnamedFieldError
@@ -21,7 +22,6 @@ from llfsm.runtime.verification._tables import Tables
 from llfsm.runtime.verification.domains import Member
 from llfsm.runtime.verification.errors import PredicateError, VerificationError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
-from llfsm.runtime.verification.values import message_text
 
 VERDICTS: Final = {True: "holds", False: "violated", None: "undecided"}
 _MANY = 1_000

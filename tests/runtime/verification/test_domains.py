@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, example, given, reject, settings
 from hypothesis import strategies as st
 
 from llfsm.runtime import Machine, Sensor, State
+from llfsm.runtime._values import freeze
 from llfsm.runtime.verification import DomainError, every, explore, reachable
 from llfsm.runtime.verification.domains import domain_of
-from llfsm.runtime.verification.values import freeze
 from llfsm.whiteboard import Message, MessageTypeError, Slot
 from thoroughness import examples
 

@@ -129,6 +129,11 @@ class _Priority(Integer):
     type=Integer(500),
     help="Let guards also post the safe values if this process is silent for MS milliseconds.",
 )
+@file_option(
+    "--keep",
+    "kept",
+    help="Keep the machines' states in FILE, and go on there when started again.",
+)
 @break_option
 @click.option(
     "--on-pause",
@@ -172,6 +177,7 @@ def run(
     nonstop: bool,
     quiet: bool,
     recording: Path | None,
+    kept: Path | None,
     board: BoardPlace,
     local: bool,
     remove_board: bool,
@@ -203,7 +209,8 @@ def run(
             "--record with --ros needs a whiteboard for the recorder: add --board"
         )
     joined = ros if ros.ros or ros.ros_time else None
-    options = WorldOptions(place, local, remove_board, recording, nonstop, joined)
+    in_parts = nonstop or kept is not None  # no recording has what came before
+    options = WorldOptions(place, local, remove_board, recording, in_parts, joined)
     log_machines(is_on=not ros.ros or ros_arguments().stdout)
     with open_world(options, plan, resolved.classes.values()) as world:
         load = partial(load_machines, resolved, reports)
@@ -211,7 +218,9 @@ def run(
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:
             arrangement = load(world.environment)
-            execute = partial(run_machines, arrangement, timed=reports.timed)
+            execute = partial(
+                run_machines, arrangement, timed=reports.timed, kept=kept, quiet=quiet
+            )
         if not quiet:
             names = ", ".join(resolved.classes)
             echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
@@ -230,6 +239,7 @@ def _check_options(
     ros_time: bool,
     lifecycle: bool,
     recording: Path | None,
+    kept: Path | None,
     **_: object,
 ) -> None:
     """Refuse options that do not go together."""
@@ -250,6 +260,13 @@ def _check_options(
     require_ros("transport", "domain", "router", ros=ros or ros_time, by="--ros or --ros-time")
     if lifecycle and recording is not None:
         raise click.UsageError("--record keeps one run, --lifecycle may start several")
+    if kept is not None and recording is not None:
+        raise click.UsageError(
+            "--record needs a run from its beginning, which --keep may not be: record the events "
+            "with `llfsm record`, or leave out one"
+        )
+    if kept is not None and lifecycle:
+        raise click.UsageError("--keep keeps one run, --lifecycle may start several")
 
 
 def _with_options(

@@ -18,7 +18,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import NamedTuple, NoReturn
 
@@ -37,6 +38,7 @@ from llfsm.runtime.engine.events import Event, Reason, Request, Turn
 from llfsm.runtime.engine.kernel import BOARD_GONE
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.watchdog import running_call
+from llfsm.runtime.keeping import keep_in
 
 _log = logging.getLogger(__name__)
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
@@ -176,8 +178,13 @@ def load_machines(
     return arrangement
 
 
-def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
-    """Run an arrangement to its end, and print its times if it is timed."""
+def run_machines(
+    arrangement: Arrangement, *, timed: bool, kept: Path | None = None, quiet: bool = False
+) -> None:
+    """Run an arrangement to its end, and print its times if it is timed.
+
+    Go on where the file `kept` has its machines, and keep them there; say so unless `quiet`.
+    """
 
     def is_ending() -> bool:
         return arrangement.reason is not None or arrangement.stop_cause in SIGNALS
@@ -186,7 +193,11 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
         return running_call(threading.get_ident()) is not None
 
     try:
-        with pausing_at_breakpoints(arrangement):
+        with ExitStack() as stack:
+            stack.enter_context(pausing_at_breakpoints(arrangement))
+            goes_on = kept is not None and stack.enter_context(keep_in(kept, arrangement))
+            if goes_on and not quiet:
+                echo(f"goes on where {kept} has the machines", err=True)
             ending_once(arrangement.run, is_ending, is_in_a_section)
     finally:
         if timed:

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from llfsm.runtime import Machine, State
+from llfsm.runtime._values import UnknownValueError, freeze, own_copy
 from llfsm.runtime.verification import UnsupportedError, explore, never
-from llfsm.runtime.verification.values import UnknownValueError, freeze, own_copy
 from thoroughness import examples
 
 T = TypeVar("T")

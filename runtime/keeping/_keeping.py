@@ -1,0 +1,333 @@
+"""Machines that go on where they were when their process was ended and started again.
+
+After each round that has changed anything, what is known of the machines is written to a
+`KeptFile`: their states, variables, clocks, failures and requests, and the machines that their
+states run. When a process starts again, each machine stands as if it had been suspended for the
+time between, and were resumed now. So it is the state that decides what this means:
+by default OnResume and OnEntry run, which posts again what a guard has taken back; in one that is
+`resume="in_place"` the machine just goes on, and `clock="stops"` leaves the time between out.
+
+What is not kept: a round that was under way; what sensors have read; machines that code has
+loaded or called, as OnEntry calls them again; and what machines that had been asked to stop did to
+end: these begin anew, as all do once the run was complete.
+
+Times are kept by the date, so that they mean the same after a reboot. If the machines run by a
+clock that another program sets, they are kept by that one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgspec
+
+from llfsm.runtime._values import UnknownValueError, freeze
+from llfsm.runtime.engine.errors import ExecutionError, KeepError
+from llfsm.runtime.engine.events import End, Event, Reason, Request, RoundEnd
+from llfsm.runtime.engine.nest import RunStanding
+from llfsm.runtime.engine.seat import Failure, Seat
+from llfsm.runtime.engine.submachine import Submachine, Submachines
+from llfsm.runtime.keeping._kept_file import KeptFile
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.kernel import Kernel
+    from llfsm.runtime.engine.table import Variable
+
+T = TypeVar("T")
+
+
+class KeptMachine(msgspec.Struct, frozen=True):
+    """What is kept of a machine; times are in nanoseconds, by the date."""
+
+    name: str
+    path: str
+    state: str
+    """Where it stands; of a suspended one, where it stood."""
+    suspended: bool
+    stood: tuple[int, int] | None
+    """When it has entered that state, and when its clock stopped; None if it has not entered."""
+    request: Request | None
+    accepted: bool
+    failure: tuple[str, str, str, str, str | None, int | None] | None
+    """What an `ExecutionError` is made of."""
+    held: bool
+    loaded: bool
+    left: bool
+    parking: bool
+    variables: dict[str, msgspec.Raw]
+    runs: tuple[RunStanding, ...]
+
+
+class KeptMachines(msgspec.Struct, frozen=True):
+    """The content of the file: the machines, each before those inside it, and who has ended."""
+
+    machines: tuple[KeptMachine, ...] = ()
+    over: tuple[str, ...] = ()
+
+
+_DECODER = msgspec.msgpack.Decoder(KeptMachines)
+
+
+@contextmanager
+def keep_in(path: Path | str, arrangement: Arrangement) -> Iterator[bool]:
+    """Keep the machines of an arrangement in a file, for the ``with`` block.
+
+    If the file has such machines, they go on where they were, and this gives True. To be called
+    before the first round. Each record is written before the next round begins, and is on the disk
+    `_kept_file.SYNC_S` seconds later. Raise `KeepError` if the file is in use, damaged or has other
+    machines, or if a value of a variable cannot be kept.
+    """
+    file = KeptFile(Path(path))
+    try:
+        keeping = _Keeping(arrangement, file)
+        goes_on = keeping.restore()
+        if not goes_on:
+            keeping.keep()  # what cannot be kept is found before anything runs
+        arrangement.attach(keeping)
+        try:
+            yield goes_on
+        finally:
+            arrangement.detach(keeping)
+    finally:
+        file.close()
+
+
+class _Keeping:
+    """Write what is known of machines to a file, after each round that has changed it."""
+
+    def __init__(self, arrangement: Arrangement, file: KeptFile):
+        self._kernel: Kernel = arrangement.kernel
+        self._file = file
+        self._roots = [seat.name for seat in self._kernel.roster]
+        self._over: list[str] = []
+        clock = arrangement.clock
+        self._ahead_ns = time.time_ns() - clock.now_ns() if clock.passes else 0
+        self._variables = _Variables()
+
+    def __call__(self, event: Event) -> None:
+        """Take an event."""
+        if isinstance(event, RoundEnd):
+            self.keep()
+        elif isinstance(event, End) and event.reason is Reason.ACCEPTING:
+            self._write(KeptMachines())
+
+    def keep(self) -> None:
+        """Write what has changed, if anything has."""
+        kernel, roots = self._kernel, self._kernel.roster.named
+        if not kernel.stop_is_seen:
+            self._over = [name for name in self._roots if name not in roots]
+        now_ns = kernel.environment.clock.now_ns()
+        machines = [
+            self._describe(seat, now_ns)
+            for name in self._roots
+            if name in roots
+            for seat in _family(roots[name])
+        ]
+        self._write(KeptMachines(tuple(machines), tuple(self._over)))
+
+    def _write(self, content: KeptMachines) -> None:
+        packed = msgspec.msgpack.encode(content)
+        if packed != self._file.latest:
+            self._file.write(packed)
+            self._file.latest = packed
+
+    def _describe(self, seat: Seat, now_ns: int) -> KeptMachine:
+        stood, state = seat.stood, seat.remembered if seat.suspended else seat.current
+        if not seat.suspended:
+            stops = seat.declared(state).clock == "stops"
+            is_entered = state is seat.previous
+            stood = (seat.entered_ns, now_ns if stops else seat.entered_ns) if is_entered else None
+        error = None if seat.failure is None else seat.failure.error
+        return KeptMachine(
+            seat.name,
+            seat.path,
+            state.name,
+            seat.suspended,
+            None if stood is None else (stood[0] + self._ahead_ns, stood[1] + self._ahead_ns),
+            seat.request,
+            seat.accepted,
+            None if error is None else error.__reduce__()[1],
+            seat.held,
+            seat.taken,
+            seat.left,
+            seat.parking,
+            self._variables.pack(seat),
+            seat.nest.standing,
+        )
+
+    def restore(self) -> bool:
+        """Let the machines go on where they were; return False if there is nothing kept."""
+        if self._file.latest is None:
+            return False
+        try:
+            content = _DECODER.decode(self._file.latest)
+        except msgspec.DecodeError as error:
+            raise self._other(f"was written by another version: {error}") from None
+        if content == KeptMachines():  # the run was complete
+            return False
+        kept = {machine.name: machine for machine in content.machines}
+        roster = self._kernel.roster
+        for name in [name for name in kept if "/" not in name] + [*content.over]:
+            if name not in roster.named:
+                raise self._other(f"has a machine {name}, which is not run")
+        for name in [*roster.named]:
+            if name in kept:
+                self._seat(roster.named[name], kept)
+            elif name in content.over:
+                self._kernel.vacate(roster.named[name])  # else it has ended as it was asked to
+        return True
+
+    def _seat(
+        self, seat: Seat, kept: Mapping[str, KeptMachine], *, unresumed: bool = False
+    ) -> None:
+        """Let a machine stand as it was kept, and those inside it.
+
+        What is suspended or restarted in its first turn is not resumed before, nor what it runs.
+        """
+        machine = kept[seat.name]
+        self._check(seat, machine)
+        for name, value in self._variables.unpack(seat, machine.variables, self._other):
+            setattr(seat.machine, name, value)
+        unresumed = unresumed or machine.request in (Request.SUSPEND, Request.RESTART)
+        self._stand(seat, machine, unresumed=unresumed or machine.accepted)
+        inner: dict[str, Seat] = {}
+        turns: list[Seat | None] = []
+        states = {state.name: state for state in seat.table.states}
+        for run in machine.runs:
+            for number, name in enumerate(run.seats):
+                inner[name] = each = self._inner(seat, states[run.state].name, number, kept, name)
+                self._seat(each, kept, unresumed=unresumed)
+                if kept[name].loaded:
+                    turns.append(seat.control.loader.put(each))
+        if machine.runs:
+            seat.nest.restore(machine.runs, states, inner)
+            seat.children = turns
+
+    def _inner(
+        self, outer: Seat, state: str, number: int, kept: Mapping[str, KeptMachine], name: str
+    ) -> Seat:
+        """Make the seat of a machine that a state runs."""
+        declared = outer.declared(outer.states[state])
+        try:
+            seat = outer.prepare(declared, number)
+        except Exception as error:  # of the machine's own code
+            what = f"{type(error).__name__}: {error}"
+            raise self._other(f"has {name}, which {outer.name} cannot run: {what}") from error
+        if seat.name != name or name not in kept:
+            raise self._other(f"has {name}, where {outer.name} would run {seat.name}")
+        seat.left, seat.parking = kept[name].left, kept[name].parking
+        return seat
+
+    def _check(self, seat: Seat, machine: KeptMachine) -> None:
+        """Check that the class is the one that was kept, or differs only in what is added."""
+        if seat.path != machine.path:
+            raise self._other(f"has {seat.name} as {machine.path}, which is {seat.path}")
+        known = {*seat.states, seat.suspension.name}
+        running = {state.name for state in seat.table.states if state.runs}
+        for state, needed in [
+            (machine.state, known),
+            *((run.state, running) for run in machine.runs),
+        ]:
+            if state not in needed:
+                raise self._other(f"has {seat.name} in {state}, a state that it has no more")
+        for variable in machine.variables:
+            if variable not in seat.table.variables:
+                raise self._other(f"has a variable {variable!r}, which {seat.name} has no more")
+
+    def _stand(self, seat: Seat, machine: KeptMachine, *, unresumed: bool) -> None:
+        """Let a machine stand as if it was suspended meanwhile and resumed, or `unresumed`."""
+        now_ns = self._kernel.environment.clock.now_ns()
+        state = seat.states.get(machine.state, seat.suspension)
+        seat.stood = None
+        if machine.stood is not None:
+            entered_ns, until_ns = (min(each - self._ahead_ns, now_ns) for each in machine.stood)
+            seat.stood = (entered_ns, until_ns)
+        seat.accepted, seat.held, seat.request = machine.accepted, machine.held, machine.request
+        if machine.failure is not None:
+            seat.failure = Failure(ExecutionError(*machine.failure), now_ns)
+        if machine.suspended:
+            seat.current, seat.remembered = seat.suspension, state
+        elif seat.stood and unresumed:
+            seat.current = seat.previous = state
+            stops = seat.declared(state).clock == "stops"
+            seat.entered_ns = seat.stood[0] + (now_ns - seat.stood[1] if stops else 0)
+        else:  # one that has entered its state is resumed there
+            seat.current = state
+            seat.previous = None if machine.stood is None else seat.suspension
+
+    def _other(self, what: str) -> KeepError:
+        return KeepError(
+            f"{self._file.path} {what}; start the machines that it was written by, or remove it "
+            f"to begin anew"
+        )
+
+
+def _family(seat: Seat) -> Iterator[Seat]:
+    """Yield a machine and all that its states run, or have run last."""
+    yield seat
+    for run in seat.nest.standing:
+        for inner in seat.nest.seats(seat.states[run.state]):
+            yield from _family(inner)
+
+
+class _Variables:
+    """Pack the variables of machines, and check of each new value that it comes back."""
+
+    def __init__(self) -> None:
+        self._checked: dict[tuple[str, str], bytes] = {}
+        self._decoders: dict[tuple[type, str], msgspec.msgpack.Decoder[Any]] = {}
+
+    def pack(self, seat: Seat) -> dict[str, msgspec.Raw]:
+        """Pack what is to be kept; raise `KeepError` for what cannot be."""
+        packed = {}
+        for name, variable in seat.table.variables.items():
+            value = getattr(seat.machine, name)
+            if variable.kept and not isinstance(value, Submachine | Submachines):
+                packed[name] = msgspec.Raw(self._pack(seat.name, variable, value))
+        return packed
+
+    def _pack(self, machine: str, variable: Variable, value: Any) -> bytes:
+        try:
+            data = msgspec.msgpack.encode(value)
+            if self._checked.get((machine, variable.name)) != data:
+                if not _is_same(self._unpack(variable, data), value):
+                    raise TypeError(f"it would come back as another value of {variable.type_text}")
+                self._checked[machine, variable.name] = data
+        except (TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise KeepError(
+                f"{machine}.{variable.name}, a {type(value).__name__}, cannot be kept: {error}; "
+                f"annotate it with its type, or leave it out by "
+                f"{variable.name}: ... = variable(..., kept=False)"
+            ) from None
+        return data
+
+    def unpack(
+        self, seat: Seat, packed: Mapping[str, msgspec.Raw], other: Any
+    ) -> Iterator[tuple[str, Any]]:
+        """Yield each variable that was kept, with its value; raise what `other` makes of a text."""
+        for name, raw in packed.items():
+            variable = seat.table.variables[name]
+            if variable.kept:
+                try:
+                    yield name, self._unpack(variable, bytes(raw))
+                except msgspec.DecodeError as error:
+                    raise other(f"has another type of {seat.name}.{name}: {error}") from None
+
+    def _unpack(self, variable: Variable, data: bytes) -> Any:
+        key = variable.owner, variable.name
+        decoder = self._decoders.get(key)
+        if decoder is None:
+            decoder = self._decoders[key] = msgspec.msgpack.Decoder(variable.type)
+        return decoder.decode(data)
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    try:
+        return freeze(one) == freeze(other)
+    except UnknownValueError:
+        return type(one) is type(other) and bool(one == other)
