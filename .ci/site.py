@@ -38,6 +38,7 @@ API = (
     "llfsm.runtime.converting",
     "llfsm.runtime.editing",
     "llfsm.runtime.debugging",
+    "llfsm.runtime.keeping",
     "llfsm.runtime.counterexamples",
     "llfsm.runtime.verification.worlds",
     "llfsm.runtime.goals",

@@ -11,6 +11,7 @@ from llfsm.bridges.view.frames import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, Fragment
+from llfsm.runtime.bundles.read import SUFFIX
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import class_fields, message_fields
 from llfsm.runtime.editing import Document
@@ -41,6 +42,9 @@ def machine_data(document: Document) -> dict[str, Any]:
         "shape": document.shape,
         "states": [state.name for state in bundle.states],
         "suspend": bundle.suspend,
+        "runs": {state.name: state.runs for state in bundle.states if state.runs},
+        "histories": [state.name for state in bundle.states if state.history],
+        "machines": _machines_beside(document),
         "lasting": [state.name for state in bundle.states if not state.final],
         "expanded": [name for name, box in layout.items() if box.expanded],
         "frame": drawn["frame"],
@@ -86,6 +90,14 @@ def live_data(source: PageSource, name: str) -> dict[str, Any]:
         live |= {"failed": failed, "pending": sample.message.pending}
         live |= {"refusal": sample.message.refusal, "obeyed": sample.message.obeyed}
     return live
+
+
+def _machines_beside(document: Document) -> list[str]:
+    """Name the bundles beside this one, which its states can run."""
+    if document.bundle.language != PYTHON:
+        return []
+    found = sorted(path.stem for path in document.path.parent.glob(f"*{SUFFIX}"))
+    return [name for name in found if name != document.bundle.name]
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

@@ -44,6 +44,7 @@ class Counter(Machine):
 
 class Pump(Machine):
     given: int = 0
+    turns: int = 0
     wait, give, over = State(), State(resume="in_place"), State()
     wait.to(give, after_ms=1)
     give.to(over, when=lambda m: m.stopping)
@@ -52,6 +53,12 @@ class Pump(Machine):
     def _(self):
         self.given += 1
         print("dose", self.given, flush=True)
+
+    @give.internal
+    def _(self):
+        self.turns += 1
+        if self.turns == 2:  # the round before was kept
+            print("pumps", flush=True)
 
     @give.on_resume
     def _(self):
@@ -77,8 +84,7 @@ def machines(tmp_path: Path) -> Path:
 @pytest.mark.usefixtures("machines")
 def test_a_dose_is_not_given_twice(llfsm: Llfsm, board: str) -> None:
     run = ("run", "pump.py:Pump", "--keep", "pump.kept", "-b", board, "-q")
-    first = llfsm.start(*run)
-    wait_for_line(first, "dose 1")
+    wait_for_line(llfsm.start(*run), "pumps")
     for _ in range(3):
         llfsm.started[-1].kill()
         llfsm.started[-1].wait()
@@ -111,7 +117,7 @@ def test_no_more_than_the_round_under_way_is_lost(llfsm: Llfsm, board: str) -> N
 @pytest.mark.usefixtures("machines")
 def test_after_a_crash_the_next_run_of_n_goes_on(llfsm: Llfsm, board: str) -> None:
     process = llfsm.start("run", "pump.py:Pump", "-n", "--keep", "kept", "-b", board)
-    wait_for_line(process, "dose 1")
+    wait_for_line(process, "pumps")
     (child,) = offspring(process.pid)
     os.kill(child, signal.SIGKILL)
     wait_for_line(process, "it starts again")
@@ -130,7 +136,7 @@ def test_what_cannot_be_kept_ends_the_run_and_names_the_variable(llfsm: Llfsm, b
 @pytest.mark.usefixtures("machines")
 def test_a_file_in_use_or_of_other_machines_is_refused(llfsm: Llfsm, board: str) -> None:
     first = llfsm.start("run", "pump.py:Pump", "--keep", "kept", "-b", board)
-    wait_for_line(first, "dose 1")
+    wait_for_line(first, "pumps")
     refused = llfsm.run("run", "pump.py:Pump", "--keep", "kept", "-b", board, "--local")
     assert refused.returncode == 2  # --local and -b
     refused = llfsm.run("run", "pump.py:Pump", "--keep", "kept", "--local")

@@ -203,6 +203,17 @@ export class Editor {
     if (state) this.apply({ edit: "set final", state, final: this.machine.data.lasting.includes(state) });
   }
 
+  toggleHistory() {
+    const { data } = this.machine;
+    const { state } = this;
+    if (state && data.runs[state]) this.setRuns(state, data.runs[state], !data.histories.includes(state));
+  }
+
+  // Lets a state run machines, by the names of bundles; history: they go on when it is entered again.
+  setRuns(state, runs, history = this.machine.data.histories.includes(state)) {
+    return this.apply({ edit: "set runs", state, runs, history });
+  }
+
   arrange() {
     this.apply({ edit: "arrange again" });
   }

@@ -4,6 +4,8 @@ import { snap } from "./editor.js";
 
 const STILL = 4; // pixels that a click may move
 
+export const MACHINE = "text/x-machine"; // what a machine is dragged as
+
 // Boxes are at a grid, unless Alt is held.
 const snapped = (value, event) => (event.altKey ? Math.round(value * 10) / 10 : snap(value));
 
@@ -62,6 +64,17 @@ export function listen(drawing, editor) {
     held = null;
     drawing.sketch();
   });
+  // A machine of the inspector's list is dragged into a state, which then runs it, too.
+  const over = (event) => editor.editable && event.dataTransfer.types.includes(MACHINE) && drawing.stateAt(drawing.at(event));
+  element.addEventListener("dragover", (event) => { if (over(event)) event.preventDefault(); });
+  element.addEventListener("drop", (event) => {
+    const state = over(event);
+    if (!state) return;
+    event.preventDefault();
+    editor.select(state);
+    editor.setRuns(state, [...(editor.machine.data.runs[state] ?? []), event.dataTransfer.getData(MACHINE)]);
+  });
+
   element.addEventListener("dblclick", (event) => {
     event.stopImmediatePropagation();
     const hit = document.elementFromPoint(event.clientX, event.clientY);

@@ -1,6 +1,7 @@
 // The texts of what is selected: a state's sections and transitions, or the machine's declarations.
 
 import { Code } from "./code.js";
+import { MACHINE } from "./gestures.js";
 import { $, actions, button, isNew, make, setText } from "./dom.js";
 
 const SHOWN = ["OnEntry", "OnExit", "Internal"]; // sections that are shown also if they are empty
@@ -49,7 +50,7 @@ export class Inspector {
     const targets = state ? this.machine.transitions(state).map((edge) => edge.target) : [];
     const others = PARTS.filter((part) => !SHOWN.includes(part) && data.texts[`${state}|${part}`]);
     const isInitial = state === data.states[0];
-    return [state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.lasting, data.editable, [...this.opened]];
+    return [state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.lasting, data.runs[state], data.histories, data.machines, data.editable, [...this.opened]];
   }
 
   // Shows which transition is selected.
@@ -94,6 +95,45 @@ export class Inspector {
       ...this.part("", "Variables", { hint, name: "Variables and slots" }),
       ...["Includes", "Methods"].filter((part) => data.editable !== false || data.texts[`|${part}`]).flatMap((part) => this.part("", part)),
       ...(data.editable ? [make("p", { class: "facts" }, "Double-click in the drawing, or press n, for a new state.")] : []),
+      ...(data.machines.length ? this.palette(data.machines) : []),
+    ];
+  }
+
+  // The machines that states can run.
+  palette(machines) {
+    const item = (name) => {
+      const chip = make("li", { draggable: "true" }, name);
+      chip.addEventListener("dragstart", (event) => event.dataTransfer.setData(MACHINE, name));
+      return chip;
+    };
+    return [
+      make("h3", {}, "Machines beside this one"),
+      make("ul", { class: "palette" }, ...machines.map(item)),
+      make("p", { class: "facts" }, "Drag one into a state that is to run it, or name it there."),
+    ];
+  }
+
+  // The machines that a state runs, by name.
+  runs(state) {
+    const { data } = this.machine;
+    const runs = data.runs[state] ?? [];
+    const input = make("input", {
+      id: "runs", value: runs.join(", "), list: "machines", placeholder: "no machine", "aria-label": "Machines that the state runs",
+      spellcheck: "false", autocomplete: "off",
+    });
+    input.disabled = !data.editable;
+    input.addEventListener("change", async () => {
+      const names = input.value.split(/[\s,]+/).filter(Boolean);
+      if (!(await this.editor.setRuns(state, names))) input.value = runs.join(", ");
+    });
+    input.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") input.value = runs.join(", ");
+      if (event.key === "Escape" || event.key === "Enter") this.done();
+    });
+    return [
+      make("h3", {}, "Runs"),
+      input,
+      make("datalist", { id: "machines" }, ...data.machines.map((name) => make("option", { value: name }))),
     ];
   }
 
@@ -117,6 +157,7 @@ export class Inspector {
         ["Initial", () => editor.makeInitial(), isInitial],
         ["Suspend", () => editor.toggleSuspend(), data.suspend === state],
         ...(lasts || !this.machine.transitions(state).length ? [["Goes on", () => editor.toggleFinal(), lasts]] : []),
+        ...(data.runs[state] ? [["History", () => editor.toggleHistory(), data.histories.includes(state)]] : []),
         ["Delete", () => editor.remove()],
       );
     } else this.tools();
@@ -128,6 +169,7 @@ export class Inspector {
       make("h3", {}, "Transitions, in the order in which they are evaluated"),
       make("ol", { class: "transitions" }, ...this.machine.transitions(state).map((edge) => this.row(edge))),
       ...(data.editable ? [this.adder(state)] : []),
+      ...(data.editable || data.runs[state] ? this.runs(state) : []),
       ...parts.flatMap((part) => this.part(state, part)),
       make("p", { class: "actions more" }, ...others.map((part) => button(`+ ${part}`, () => this.open(part), { class: "quiet" }))),
     ];

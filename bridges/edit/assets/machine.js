@@ -8,7 +8,7 @@ export class Machine {
     this.offered = { types: [], slots: {} }; // what can be included, and the types of a board's slots
     this.drafts = new Map(); // place -> what could not be written, and why
     this.lookAround = () => {}; // asks for that again
-    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: {}, fields: {}, unreachable: [], dead: [], expanded: [] };
+    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: {}, fields: {}, unreachable: [], dead: [], expanded: [], lasting: [], runs: {}, histories: [], machines: [] };
   }
 
   // Takes a frame; returns the keys of what has changed.
