@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import json
 import pkgutil
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import llfsm.cli
 from llfsm.cli.root import LazyGroup, main
@@ -99,3 +101,25 @@ def test_a_command_is_imported_when_it_is_called() -> None:
 @pytest.mark.parametrize("group", [(), ("bridge",)])
 def test_no_such_command(group: tuple[str, ...]) -> None:
     assert "Error: no command 'none'" in modules_after(*group, "none")[0]
+
+
+def test_the_help_of_run_shows_ten_options_and_all_of_them_when_asked() -> None:
+    command = resolved("llfsm.cli.run.command:run")
+    few, many = (
+        CliRunner().invoke(main, ["run", how]).output.partition("Options:")[2]
+        for how in ("--help", "--help-all")
+    )
+    options = [each for each in command.params if isinstance(each, click.Option)]
+    shown = [each for each in options if re.search(rf"^  .*{each.opts[0]}\b", few, re.M)]
+    assert len(shown) == 11  # and `--help-all`
+    for option in options:
+        assert re.search(rf"^ +.*{option.opts[-1]}\b", many, re.M), option.opts
+
+
+def test_the_first_commands_are_those_to_begin_with() -> None:
+    text = CliRunner().invoke(main, ["--help"]).output
+    first = text.partition("Begin:")[2].partition("\n\n")[0].split("\n")[1:]
+    assert [line.split()[0] for line in first][:3] == ["demo", "new", "run"]
+    assert len(first) == 8
+    for name in main.list_commands(click.Context(main)):
+        assert len(re.findall(rf"^  {name} ", text, re.M)) == 1

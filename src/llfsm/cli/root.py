@@ -13,20 +13,28 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 
 from llfsm.cli import VERSION
 from llfsm.errors import LlfsmError, did_you_mean, printable
 
+_Rows: TypeAlias = Mapping[str, tuple[str, str]]
+"""Commands by name: ``module:function``, and the short help."""
+
 
 class LazyGroup(click.Group):
-    """A group made from a table: a command's name to ``module:function`` and its short help."""
+    """A group made from a table, whose `sections` have titles in its help."""
 
-    def __init__(self, *args: Any, table: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, sections: Mapping[str, _Rows], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.table = {name: (f"llfsm.cli.{place}", text) for name, (place, text) in table.items()}
+        self.sections = sections
+        self.table = {
+            name: (f"llfsm.cli.{place}", text)
+            for rows in sections.values()
+            for name, (place, text) in rows.items()
+        }
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, in the table's order."""
@@ -53,45 +61,63 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table's short help of each command, without importing it."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
+        width = max(map(len, self.table))
+        for title, rows in self.sections.items():
+            with formatter.section(title):
+                texts = [(name.ljust(width), text) for name, (_, text) in rows.items()]
+                formatter.write_dl(texts)
 
 
 _COMMANDS = {
-    "new": ("new:new", "Make a machine to start from."),
-    "run": ("run.command:run", "Run machines as one arrangement."),
-    "ps": ("ps:ps", "List the running machines."),
-    "suspend": ("requests:suspend", "Suspend a running machine."),
-    "resume": ("requests:resume", "Resume a suspended machine."),
-    "restart": ("requests:restart", "Restart a running machine."),
-    "reload": ("requests:reload", "Restart a machine from the current version of its bundle."),
-    "stop": ("requests:stop", "Stop a running machine."),
-    "debug": ("debug.command:debug", "Run machines from a prompt, step by step."),
-    "dap": ("dap.adapter:dap", "Let an editor debug machines."),
-    "pause": ("requests:pause", "Pause running machines between two turns."),
-    "step": ("requests:step", "Let paused machines go on for a turn, or further."),
-    "continue": ("requests:continue_", "Let paused machines go on."),
-    "override": ("requests:override", "Override a sensor of a running machine."),
-    "why": ("requests:why", "Show why a running machine is in its state."),
-    "check": ("check:check", "Check machines without running them."),
-    "verify": ("verify:verify", "Explore everything machines can do; decide properties."),
-    "draw": ("draw:draw", "Draw a machine."),
-    "show": ("show:show", "Show the states and transitions of a machine."),
-    "import": ("convert:import_", "Translate a bundle of C++ to Python."),
-    "convert": ("convert:convert", "Make a bundle from a class, or a class from a bundle."),
-    "package": ("package:package", "Write the ROS 2 package that starts a machine."),
-    "turtlesim": ("turtlesim:turtlesim", "Simulate turtles, on a whiteboard or as a ROS 2 node."),
-    "router": ("router:router", "Run a Zenoh router for ROS 2 nodes."),
-    "edit": ("edit:edit", "Draw and write a machine in the browser."),
-    "view": ("view:view", "Show a whiteboard and its machines in the browser."),
-    "record": ("record:record", "Record a whiteboard to a file."),
-    "replay": ("replay:replay", "Replay a recording to a whiteboard."),
-    "rerun": ("rerun:rerun", "Run machines again on the inputs of a recording."),
-    "guard": ("guard:guard", "Post the safe values of machines whose processes die."),
-    "top": ("ps:top", "Show a whiteboard and its machines in the terminal."),
-    "whiteboard": ("root:whiteboard", "List, read, write and mirror whiteboards."),
-    "bridge": ("root:bridge", "Connect a whiteboard with another world."),
-    "demo": ("demo.command:demo", "Watch machines and turtles work together."),
+    "Begin": {
+        "demo": ("demo.command:demo", "Watch machines and turtles work together."),
+        "new": ("new:new", "Make a machine to start from."),
+        "run": ("run.command:run", "Run machines as one arrangement."),
+        "ps": ("ps:ps", "List the running machines."),
+        "view": ("view:view", "Show a whiteboard and its machines in the browser."),
+        "check": ("check:check", "Check machines without running them."),
+        "verify": ("verify:verify", "Explore everything machines can do; decide properties."),
+        "edit": ("edit:edit", "Draw and write a machine in the browser."),
+    },
+    "Run": {
+        "suspend": ("requests:suspend", "Suspend a running machine."),
+        "resume": ("requests:resume", "Resume a suspended machine."),
+        "restart": ("requests:restart", "Restart a running machine."),
+        "stop": ("requests:stop", "Stop a running machine."),
+        "reload": ("requests:reload", "Restart a machine from the current version of its bundle."),
+        "guard": ("guard:guard", "Post the safe values of machines whose processes die."),
+        "package": ("package:package", "Write the ROS 2 package that starts a machine."),
+    },
+    "Look": {
+        "top": ("ps:top", "Show a whiteboard and its machines in the terminal."),
+        "why": ("requests:why", "Show why a running machine is in its state."),
+        "pause": ("requests:pause", "Pause running machines between two turns."),
+        "step": ("requests:step", "Let paused machines go on for a turn, or further."),
+        "continue": ("requests:continue_", "Let paused machines go on."),
+        "override": ("requests:override", "Override a sensor of a running machine."),
+        "debug": ("debug.command:debug", "Run machines from a prompt, step by step."),
+        "dap": ("dap.adapter:dap", "Let an editor debug machines."),
+        "show": ("show:show", "Show the states and transitions of a machine."),
+        "draw": ("draw:draw", "Draw a machine."),
+    },
+    "Record": {
+        "record": ("record:record", "Record a whiteboard to a file."),
+        "replay": ("replay:replay", "Replay a recording to a whiteboard."),
+        "rerun": ("rerun:rerun", "Run machines again on the inputs of a recording."),
+    },
+    "Connect": {
+        "whiteboard": ("root:whiteboard", "List, read, write and mirror whiteboards."),
+        "bridge": ("root:bridge", "Connect a whiteboard with another world."),
+        "turtlesim": (
+            "turtlesim:turtlesim",
+            "Simulate turtles, also as a ROS 2 node.",
+        ),
+        "router": ("router:router", "Run a Zenoh router for ROS 2 nodes."),
+    },
+    "Write": {
+        "import": ("convert:import_", "Translate a bundle of C++ to Python."),
+        "convert": ("convert:convert", "Make a bundle from a class, or a class from a bundle."),
+    },
 }
 
 _WHITEBOARD = {
@@ -133,7 +159,9 @@ class _Root(LazyGroup):
             raise
 
 
-@click.group(cls=_Root, table=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=_Root, sections=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.version_option(VERSION)
 def main(debug: bool) -> None:
@@ -143,7 +171,7 @@ def main(debug: bool) -> None:
     """
 
 
-@click.group(cls=LazyGroup, table=_WHITEBOARD)
+@click.group(cls=LazyGroup, sections={"Commands": _WHITEBOARD})
 def whiteboard() -> None:
     """List, read and write whiteboards, and mirror one between hosts.
 
@@ -154,7 +182,7 @@ def whiteboard() -> None:
     """
 
 
-@click.group(cls=LazyGroup, table=_BRIDGE)
+@click.group(cls=LazyGroup, sections={"Commands": _BRIDGE})
 def bridge() -> None:
     """Connect a whiteboard with ROS 2, with or without ROS installed, or with another world.
 

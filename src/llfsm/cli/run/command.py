@@ -43,7 +43,45 @@ class _Priority(Integer):
         return super().convert(value, param, ctx)
 
 
-@click.command(cls=RosCommand)
+class _Run(RosCommand):
+    """The command, whose help shows the options that most need; ``--help-all`` shows all."""
+
+    _FIRST = (
+        *("verbose", "timed", "quiet", "period_us", "on_error"),
+        *("recording", "kept", "ros", "board", "local"),
+    )
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help of the options."""
+        if ctx.meta.get(_ALL):
+            super().format_options(ctx, formatter)
+            return
+        *parameters, this_help = self.get_params(ctx)
+        by_name = {parameter.name: parameter for parameter in parameters}
+        shown = [*(by_name[name] for name in (*self._FIRST, "help_all")), this_help]
+        with formatter.section("Options"):
+            formatter.write_dl(list(filter(None, (each.get_help_record(ctx) for each in shown))))
+
+
+_ALL = "llfsm.run.all"  # in the context, if the help is to show all options
+
+
+def _help_all(ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
+    if is_asked:
+        ctx.meta[_ALL] = True
+        click.echo(ctx.get_help())
+        ctx.exit()
+
+
+@click.command(cls=_Run)
+@click.option(
+    "--help-all",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_help_all,
+    help="Show all options.",
+)
 @click.argument("machines", nargs=-1)
 @click.option(
     "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE as well, suspended."
