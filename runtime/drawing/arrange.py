@@ -7,8 +7,8 @@ arrangement has its machines, the slots that they share, and their requests.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 from llfsm.runtime.drawing.automatic_layout import automatic_layout
 from llfsm.runtime.drawing.curves import Curve, Point, sample, straight
@@ -24,16 +24,26 @@ from llfsm.runtime.drawing.diagram import (
 )
 from llfsm.runtime.drawing.editor_layout import editor_layout, has_room, hits
 from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
-from llfsm.runtime.drawing.typeset import numbered_labels, section_texts
+from llfsm.runtime.drawing.typeset import RUNS, numbered_labels, section_texts
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.state import State
-from llfsm.runtime.engine.table import Table
+from llfsm.runtime.engine.state import Runs, State
+from llfsm.runtime.engine.table import Table, run_by, run_names
 
 _START = 26.0  # from the dot's centre to the initial state
 
 
-def arrange(table: Table, *, title: str | None = None, sections: bool | None = None) -> Diagram:
+Find: TypeAlias = Callable[[str], "Table | None"]
+"""Finds the table of a machine that a state runs by its name."""
+
+
+def arrange(
+    table: Table,
+    *,
+    title: str | None = None,
+    sections: bool | None = None,
+    unfold: Find | None = None,
+) -> Diagram:
     """Lay out a machine: find the positions of its states, transitions and labels.
 
     They are those of the table's layout if it has one; states and transitions that are missing
@@ -42,8 +52,22 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
     `sections` shows or hides the states' sections. By default the layout decides which states show
     theirs, cut to the size of the box; without a layout they are hidden. True shows them in full,
     and ignores a layout that has no room for them. Equal tables give equal diagrams.
+
+    `unfold` draws machines inside the states that run them, as far as they are known: it finds
+    those that are only named. There the layout is ignored.
     """
-    boxes = [_box(state, table, sections) for state in table.states]
+    return _arranged(table, title, sections, unfold, (table,))
+
+
+def _arranged(
+    table: Table,
+    title: str | None,
+    sections: bool | None,
+    unfold: Find | None,
+    around: tuple[Table, ...],
+) -> Diagram:
+    """Lay out a machine inside those `around`, which are not drawn again in it."""
+    boxes = [_box(state, table, sections, unfold, around) for state in table.states]
     index = {state.name: i for i, state in enumerate(table.states)}
     arrows = [
         Arrow(index[state.name], number, index[transition.target.name], make_label(label))
@@ -54,7 +78,8 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
     ]
     layout = table.layout
     known = layout is not None and not layout.states.keys().isdisjoint(index)
-    if layout and known and (not sections or has_room(boxes, layout)):
+    unfolded = any(box.inner for box in boxes)
+    if layout and known and not unfolded and (not sections or has_room(boxes, layout)):
         boxes, edges = editor_layout(boxes, arrows, layout)
     else:
         boxes, edges = automatic_layout(boxes, arrows)
@@ -63,20 +88,44 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
     return framed(table.path if title is None else title, boxes, edges, start)
 
 
-def _box(state: State, table: Table, sections: bool | None) -> Box:
+def _box(
+    state: State,
+    table: Table,
+    sections: bool | None,
+    unfold: Find | None,
+    around: tuple[Table, ...],
+) -> Box:
     given = table.layout.states.get(state.name) if table.layout else None
-    texts = section_texts(state, sections=bool(sections))
+    inner, others = [], []
+    for name, runs in zip(run_names(state), state.runs, strict=True):
+        tables = [] if unfold is None else _tables(runs, unfold)
+        if tables and not any(each in around for each in tables):
+            for each in tables:
+                title = f"{RUNS} {each.path.rpartition(':')[2]}" if len(tables) > 1 else None
+                title = title or f"{RUNS} {name}"
+                inner.append(_arranged(each, title, sections, unfold, (*around, each)))
+        else:
+            others.append(name)
+    texts = section_texts(state, sections=bool(sections), runs=others)
     if sections is None and given is not None and given.expanded:
         texts = cut_sections(state.name, section_texts(state), given.w, given.h)
     return make_box(
         state.name,
         texts,
+        tuple(inner),
         initial=state is table.initial,
         accepting=state.accepting,
         suspend=state is table.suspend,
         width=given.w if given else 0,
         height=given.h if given else 0,
     )
+
+
+def _tables(runs: Runs, unfold: Find) -> list[Table]:
+    if isinstance(runs, str):
+        found = unfold(runs)
+        return [] if found is None else [found]
+    return [cls.table for cls in run_by(runs)]
 
 
 def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Curve:

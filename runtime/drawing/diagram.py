@@ -41,6 +41,7 @@ _BASELINE = 0.35  # of a size below the middle of a line
 class Box:
     """A state around its centre (x, y), with the sections that are shown.
 
+    `inner` are the diagrams of the machines that it runs, if they are drawn in it, side by side.
     In an overview, it is a machine or, with `slot`, a slot.
     """
 
@@ -55,6 +56,7 @@ class Box:
     accepting: bool = False
     suspend: bool = False
     slot: bool = False
+    inner: tuple[Diagram, ...] = ()
 
     @property
     def left(self) -> float:
@@ -146,21 +148,26 @@ def make_label(text: str) -> Label:
 def make_box(
     state: str,
     sections: tuple[SectionText, ...] = (),
+    inner: tuple[Diagram, ...] = (),
+    /,
     *,
     width: float = 0,
     height: float = 0,
     **kinds: bool,
 ) -> Box:
-    """Make the box of a state, at (0, 0): at least as large as asked and as its text needs."""
+    """Make the box of a state, at (0, 0): at least as large as asked and as what is in it needs."""
     title = wrap(state)
     widths = [text_width(line, style.TITLE_SIZE) * style.BOLD for line in title]
-    needed = _title_height(title) + 2 * (_ABOVE_SECTIONS if sections else _ABOVE)
+    needed = _title_height(title) + 2 * (_ABOVE_SECTIONS if sections or inner else _ABOVE)
     for section in sections:
         widths.append(text_width(section.name, style.HEADING_SIZE) * style.BOLD)
         widths += [code_width(line, style.CODE_SIZE) for line in section.lines]
         needed += _HEADING + len(section.lines) * line_height(style.CODE_SIZE)
+    if inner:
+        widths.append(sum(map(_inner_width, inner)))
+        needed += _HEADING + max(each.height for each in inner)
     width, height = max(width, max(widths) + 2 * _PADDING), max(height, needed)
-    return Box(state, 0, 0, width, height, title, sections, **kinds)
+    return Box(state, 0, 0, width, height, title, sections, inner=inner, **kinds)
 
 
 def cut_sections(
@@ -187,7 +194,8 @@ def cut_sections(
 
 def box_lines(box: Box) -> Iterator[shapes.Text]:
     """Yield the lines of a box: its title, in the middle or above the sections, and these."""
-    y = box.top + _ABOVE_SECTIONS if box.sections else box.y - _title_height(box.title) / 2
+    is_full = box.sections or box.inner
+    y = box.top + _ABOVE_SECTIONS if is_full else box.y - _title_height(box.title) / 2
     for line in box.title:
         y += line_height(style.TITLE_SIZE)
         base = y - line_height(style.TITLE_SIZE) / 2 + _BASELINE * style.TITLE_SIZE
@@ -201,6 +209,10 @@ def box_lines(box: Box) -> Iterator[shapes.Text]:
             y += line_height(style.CODE_SIZE)
             base = y - _BASELINE * style.CODE_SIZE
             yield shapes.Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
+    y += _HEADING
+    base = y - _BASELINE * style.HEADING_SIZE
+    for each, x in _inner_places(box):
+        yield shapes.Text(x, base, each.title, style.HEADING_SIZE, style.ACCENT, "bold", False)
 
 
 def label_lines(label: Label) -> Iterator[shapes.Text]:
@@ -210,6 +222,19 @@ def label_lines(label: Label) -> Iterator[shapes.Text]:
     for line in label.lines:
         yield shapes.Text(label.x, y, line, size, style.LABEL, "regular", True)
         y += line_height(size)
+
+
+def _inner_places(box: Box) -> Iterator[tuple[Diagram, float]]:
+    """Yield each diagram of a box, and the x of its left side."""
+    x = box.x - sum(map(_inner_width, box.inner)) / 2
+    for each in box.inner:
+        yield each, x
+        x += _inner_width(each)
+
+
+def _inner_width(diagram: Diagram) -> float:
+    title = text_width(diagram.title, style.HEADING_SIZE) * style.BOLD
+    return max(diagram.width, title + _PADDING)
 
 
 def _title_height(title: tuple[str, ...]) -> float:
@@ -239,7 +264,14 @@ def to_png(diagram: Diagram) -> bytes:
 
 
 def _picture(diagram: Diagram) -> shapes.Picture:
-    drawn = [
+    return shapes.Picture(
+        printable(diagram.title), diagram.width, diagram.height, style.BACKGROUND,
+        _drawn(diagram), diagram.left, diagram.top,
+    )  # fmt: skip
+
+
+def _drawn(diagram: Diagram) -> list[shapes.Shape]:
+    return [
         *(
             shapes.Group(
                 [shapes.Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
@@ -252,10 +284,6 @@ def _picture(diagram: Diagram) -> shapes.Picture:
         *(_box(box) for box in diagram.boxes),
         *(_group(edge, _label(edge)) for edge in diagram.edges),
     ]  # fmt: skip
-    return shapes.Picture(
-        printable(diagram.title), diagram.width, diagram.height, style.BACKGROUND, drawn,
-        diagram.left, diagram.top,
-    )  # fmt: skip
 
 
 def _group(edge: Edge, drawn: Iterator[shapes.Shape]) -> shapes.Group:
@@ -294,7 +322,15 @@ def _box(box: Box) -> shapes.Group:
         for inset in ((0.0, style.RIM) if box.accepting else (0.0,))
     ]  # fmt: skip
     attributes = {"class": kinds, "data-state": printable(box.state)}
-    return shapes.Group([*frames, *box_lines(box)], attributes=attributes)
+    return shapes.Group([*frames, *box_lines(box), *_inner(box)], attributes=attributes)
+
+
+def _inner(box: Box) -> Iterator[shapes.Group]:
+    """Yield what a box has of other machines, at the bottom of it."""
+    y = box.bottom - _ABOVE_SECTIONS - max((each.height for each in box.inner), default=0)
+    for each, x in _inner_places(box):
+        marks = {"class": "inner", "data-machine": printable(each.title)}
+        yield shapes.Group(_drawn(each), x - each.left, y - each.top, attributes=marks)
 
 
 def arrow_head(curve: Curve) -> tuple[Point, Point, Point]:

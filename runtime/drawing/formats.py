@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from llfsm.runtime.drawing._dot import to_dot
 from llfsm.runtime.drawing._mermaid import to_mermaid
-from llfsm.runtime.drawing.arrange import arrange
+from llfsm.runtime.drawing.arrange import Find, arrange
 from llfsm.runtime.drawing.diagram import Diagram, to_png, to_svg
 from llfsm.runtime.engine.table import Table
 
@@ -24,10 +24,16 @@ class Format(NamedTuple):
     write_table: Callable[..., str] | None = None
     """Takes a table and, by name, `title` and `sections`, which is True or False."""
 
-    def draw(self, table: Table, title: str, sections: bool | None) -> str | bytes:
-        """Draw a machine; `sections` is as for `arrange`, and None hides them in text."""
+    def draw(
+        self, table: Table, title: str, sections: bool | None, unfold: Find | None = None
+    ) -> str | bytes:
+        """Draw a machine; `sections` and `unfold` are as for `arrange`.
+
+        Text has no machines in others, and None hides its sections.
+        """
         if self.write_diagram is not None:
-            return self.write_diagram(arrange(table, title=title, sections=sections))
+            diagram = arrange(table, title=title, sections=sections, unfold=unfold)
+            return self.write_diagram(diagram)
         assert self.write_table is not None
         return self.write_table(table, title=title, sections=bool(sections))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import textwrap
 import unicodedata
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from llfsm.runtime.engine.source_text import body_of
@@ -92,16 +93,18 @@ RUNS: Final = "runs"
 """The heading of what a state runs."""
 
 
-def section_texts(state: State, *, sections: bool = True) -> tuple[SectionText, ...]:
-    """List what a state runs and, unless only that is wanted, its sections with their code.
+def section_texts(
+    state: State, *, sections: bool = True, runs: Iterable[str] | None = None
+) -> tuple[SectionText, ...]:
+    """List what a state `runs`, by default all, and, unless only that is wanted, its sections.
 
-    They are in the fixed order of sections.
+    They are in the fixed order of sections, with their code.
     """
-    names = run_names(state)
-    runs = (SectionText(RUNS, tuple(names)),) if names else ()
+    names = [*(run_names(state) if runs is None else runs)]
+    first = (SectionText(RUNS, tuple(names)),) if names else ()
     if not sections:
-        return runs
-    return runs + tuple(
+        return first
+    return first + tuple(
         SectionText(name, text_lines(body_of(state.sections[name]) or ""))
         for name in SECTIONS
         if name in state.sections

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from llfsm.runtime.bundles import Bundle, BundleState, write_bundle
+
 from .conftest import Llfsm
 
 LAMP = Path(__file__).parents[1] / "data" / "bundles" / "Lamp.machine"
@@ -155,3 +157,23 @@ def test_a_cpp_bundle_that_cannot_be_read(llfsm: Llfsm, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "not a bundle: there is no file States" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_bundle_is_drawn_with_those_beside_it_inside(llfsm: Llfsm, tmp_path: Path) -> None:
+    write_bundle(Bundle("Arm", (BundleState("Up"),)), tmp_path / "Arm.machine")
+    mission = Bundle("Mission", (BundleState("Work", runs=("Arm", "RosPingPong", "Gone")),))
+    write_bundle(mission, tmp_path / "Mission.machine")
+    drawn = llfsm.run("draw", "./Mission.machine", "--unfold", "--format", "svg").stdout
+    for state in ("Work", "Up", "PUBLISH"):
+        assert f'data-state="{state}"' in drawn
+    assert ">Gone<" in drawn
+
+
+@pytest.mark.parametrize("arguments", [("RosPingPong",), ("robot.toml", "-o", "it.svg")])
+def test_only_pictures_of_machines_are_unfolded(
+    llfsm: Llfsm, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    (tmp_path / "robot.toml").write_text("[[machine]]\ndefinition = 'RosPingPong'\n")
+    refused = llfsm.run("draw", *arguments, "--unfold")
+    assert refused.returncode == 2
+    assert "--unfold is for a machine, drawn as svg or png" in refused.stderr

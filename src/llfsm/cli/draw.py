@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import click
@@ -10,6 +12,7 @@ import click
 from llfsm.cli.machines import find_bundle, find_machine_class, parse_arguments
 from llfsm.errors import printable
 from llfsm.runtime.bundles import outline, read_bundle
+from llfsm.runtime.bundles.read import SUFFIX
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
 from llfsm.runtime.drawing import overview
@@ -41,7 +44,12 @@ _PICTURES = [name for name, form in FORMATS.items() if form.write_diagram]
     default=None,
     help="Show the states' code or only their names; by default as in the machine's layout.",
 )
-def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
+@click.option(
+    "--unfold", is_flag=True, help="Draw machines inside the states that run them; SVG and PNG."
+)
+def draw(
+    machine: str, output: Path | None, form: str | None, sections: bool | None, unfold: bool
+) -> None:
     """Draw MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
     For an arrangement file, draw which slots each machine reads and posts, and which requests it
@@ -58,10 +66,13 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
     """
     is_plan = machine.endswith(".toml")
     form = form or (_format_of(output) if output or not is_plan else "svg")
+    if unfold and (is_plan or form not in _PICTURES):
+        raise click.UsageError(f"--unfold is for a machine, drawn as {' or '.join(_PICTURES)}")
     if is_plan:
         written = _overview(machine, form)
     else:
-        written = FORMATS[form].draw(*_table(machine), sections)
+        found = partial(_inner, machine) if unfold else None
+        written = FORMATS[form].draw(*_table(machine), sections, found)
     if output is None:
         if isinstance(written, bytes) and sys.stdout.isatty():
             raise click.UsageError(
@@ -91,6 +102,16 @@ def _overview(file: str, form: str) -> str | bytes:
         for (name, cls), planned in found
     }
     return write(overview(Path(file).name, machines))
+
+
+def _inner(machine: str, name: str) -> Table | None:
+    """Find what a state runs by its name: a bundle beside the machine, or any other machine."""
+    folder = find_bundle(machine)
+    beside = [] if folder is None else [str(folder.parent / f"{name}{SUFFIX}")]
+    for place in (*beside, name):
+        with suppress(click.ClickException):
+            return _table(place)[0]
+    return None
 
 
 def _format_of(output: Path | None) -> str:
