@@ -350,6 +350,46 @@ def test_the_stack_is_that_of_the_breakpoint(board: str, tmp_path: Path) -> None
         editor.event("stopped")
 
 
+NESTED = """
+from llfsm.runtime import Machine, State
+
+class Inner(Machine):
+    depth: int = 2
+    wait, go = State(), State(final=False)
+    wait.to(go, after_ms=5)
+
+class Outer(Machine):
+    depth: int = 1
+    work = State(runs=Inner)
+    work.to(work, when_done=True)
+"""
+
+
+def test_around_an_inner_machine_are_those_whose_states_run_it(board: str, tmp_path: Path) -> None:
+    (tmp_path / "nested.py").write_text(NESTED)
+    with client() as editor:
+        editor.begin(board, "nested.py:Outer", cwd=str(tmp_path))
+        editor.ask("setFunctionBreakpoints", breakpoints=[{"name": "Outer/Inner:go"}])
+        editor.ask("configurationDone")
+        editor.event("stopped")
+        frames = editor.ask("stackTrace", threadId=1)["stackFrames"]
+        assert [frame["name"].partition(" (")[0].partition(",")[0] for frame in frames] == [
+            *("OnEntry of go", "state go", "machine Outer/Inner"),
+            *("state work", "machine Outer", "arrangement"),
+        ]
+        lines = NESTED.splitlines()
+        assert "work = State" in lines[frames[3]["line"] - 1]
+        for frame, depth in zip(frames, [2, 2, 2, 1, 1], strict=False):
+            found = editor.ask("evaluate", expression="depth", frameId=frame["id"])
+            assert found["result"] == str(depth)
+            scopes = editor.ask("scopes", frameId=frame["id"])["scopes"]
+            (scope,) = [each for each in scopes if each["name"] == "Variables"]
+            reference = scope["variablesReference"]
+            (variable,) = editor.ask("variables", variablesReference=reference)["variables"]
+            assert variable["value"] == str(depth)
+        assert len({frame["id"] for frame in frames}) == len(frames)
+
+
 def test_only_errors_of_what_a_person_asks_pop_up(board: str) -> None:
     with client() as editor:
         editor.begin(board, f"{MACHINES}:Bouncer", stopOnEntry=True)

@@ -1,8 +1,9 @@
 """Paused machines as an editor shows them: a stack, variables, expressions, and lines of files.
 
 A machine has no stack of its own between two turns. The one shown is made up from what it is about
-to do, or has failed in: a section, in a state, of a machine, in the arrangement. A line of a file
-stands for the narrowest place of a machine that is defined there: a transition, a section, a state.
+to do, or has failed in: a section, in a state, of a machine, in the state of another one that runs
+it, and so on outwards to the arrangement. A line of a file stands for the narrowest place of a
+machine that is defined there: a transition, a section, a state.
 """
 
 from __future__ import annotations
@@ -30,8 +31,11 @@ from llfsm.whiteboard import Message as BoardMessage
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.causes import Cause
     from llfsm.runtime.engine.machine import Machine
+    from llfsm.runtime.engine.seat import Seat
 
 
+_ALL: Final = 4  # the frame of the arrangement; those before it are of the innermost machine
+_OUTER: Final = 5  # the first of machines around that, two for each
 _END: Final = 2**31
 
 
@@ -155,23 +159,46 @@ class Inspection:
             if error is not None and error.filename is not None and error.line is not None:
                 section, state = error.step, error.state
                 here, code = state_at(cls, state), (error.filename, error.line)
-            path = cls.table.path
-            path = path.rpartition(":")[0] or Path(path).name
             frames = [
                 _frame(1, f"{section} of {state}", code),
                 _frame(2, f"state {state}", here),
-                _frame(3, f"machine {name} ({path})", here),
+                _frame(3, f"machine {name} ({_home(cls)})", here),
             ]
-        frames.append(_frame(4, f"arrangement, round {arrangement.rounds}", None))
+        for number, outer in enumerate(self._outer):
+            cls = type(outer.machine)
+            runs = (outer.remembered if outer.suspended else outer.current).name
+            here = state_at(cls, runs)
+            frames.append(_frame(_OUTER + 2 * number, f"state {runs}", here))
+            title = f"machine {outer.name} ({_home(cls)})"
+            frames.append(_frame(_OUTER + 2 * number + 1, title, here))
+        frames.append(_frame(_ALL, f"arrangement, round {arrangement.rounds}", None))
         first = int(arguments.get("startFrame") or 0)
         end = first + int(arguments.get("levels") or len(frames))
         return {"stackFrames": frames[first:end], "totalFrames": len(frames)}
 
+    @property
+    def _outer(self) -> list[Seat]:
+        """The machines whose states run that of the stack, from the inside outwards."""
+        found: list[Seat] = []
+        name = self._session.debugger.machine
+        seat = self._session.arrangement.roster.find(name) if name else None
+        while seat is not None and seat.inner and seat.caller is not None:
+            seat = seat.caller
+            found.append(seat)
+        return found
+
+    def _machine_of(self, arguments: Message) -> str:
+        """Return the name of the machine of a frame, by default that of the innermost one."""
+        frame = int(arguments.get("frameId") or 1)
+        outer = self._outer
+        number = (frame - _OUTER) // 2
+        return outer[number].name if 0 <= number < len(outer) else self._session.machine
+
     def scopes(self, arguments: Message) -> Message:
         """Return the scopes of a frame: its machine's, or one for each machine of all."""
         session = self._session
-        arrangement = session.arrangement
-        if arguments.get("frameId") == 4:
+        arrangement, machine = session.arrangement, self._machine_of(arguments)
+        if arguments.get("frameId") == _ALL:
             standings = filter(None, arrangement.roster.standings())
             scopes = [
                 self._scope(f"{each.machine} in {each.state}", _all_of, each.machine)
@@ -179,11 +206,11 @@ class Inspection:
             ]
         else:
             scopes = [
-                self._scope("Sensors", _sensors_of, session.machine),
-                self._scope("Variables", _variables_of, session.machine),
-                self._scope("Transitions", self._transitions_of, session.machine),
+                self._scope("Sensors", _sensors_of, machine),
+                self._scope("Variables", _variables_of, machine),
+                self._scope("Transitions", self._transitions_of, machine),
             ]
-            before = session.debugger.sight(session.machine, session.debugger.now_ns).before
+            before = session.debugger.sight(machine, session.debugger.now_ns).before
             if before is not None:
                 how = "was left" if before.target else "failed"
                 name = f"Transitions of {before.source}, as it {how}"
@@ -232,9 +259,9 @@ class Inspection:
         }
 
     def evaluate(self, arguments: Message) -> Message:
-        """Return the value of an expression over the machine of the stack, without any effect."""
+        """Return the value of an expression over the machine of a frame, without any effect."""
         text, session = str(arguments.get("expression", "")), self._session
-        arrangement, name = session.arrangement, session.machine
+        arrangement, name = session.arrangement, self._machine_of(arguments)
         entered_ns = arrangement.roster.find(name).arrival().entered_ns
         elapsed_ns = None if entered_ns is None else session.debugger.now_ns - entered_ns
         state = arrangement.state_name_of(name)
@@ -272,6 +299,12 @@ def _sensors_of(machine: Machine) -> Iterator[tuple[str, object]]:
 
 def _variables_of(machine: Machine) -> Iterator[tuple[str, object]]:
     return ((name, getattr(machine, name, None)) for name in type(machine).table.variables)
+
+
+def _home(cls: type[Machine]) -> str:
+    """Return where a machine is defined: its module, or its bundle's folder."""
+    path = cls.table.path
+    return path.rpartition(":")[0] or Path(path).name
 
 
 def _frame(number: int, name: str, where: tuple[str, int] | None) -> Message:
