@@ -57,6 +57,8 @@ NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines
 STATE_NAME = re.compile(rf"(?!__.*__\Z)[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
 NOT_FINAL, RUNS, HISTORY = "NotFinal", "Runs", "History"
 IN_PLACE, STOPS = "ResumeInPlace", "ClockStops"
+MARKS = NOT_FINAL, RUNS, HISTORY, IN_PLACE, STOPS
+"""The ends of the names of a state's files that have no code."""
 """The part of a state that is there if a machine goes on in it, though it has no transitions."""
 NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}, and not __ at both ends"
 
@@ -188,8 +190,8 @@ class Reader:
         """Read a Python state's transitions, each with a file for its target."""
         stem = f"State_{state}"
         numbers = self.transition_numbers.get(state, set())
-        given = any(self.exists(f"{stem}_{end}.py") for end in PARTS)
-        if not (numbers or given or self.exists(f"{stem}_{RUNS}")):
+        ends = *(f"{part}.py" for part in PARTS), *MARKS
+        if not (numbers or any(self.exists(f"{stem}_{end}") for end in ends)):
             raise BundleError(
                 f"state {state!r} has no files; if that is meant, leave an empty {stem}_OnEntry.py",
                 self.folder / "States",

@@ -38,11 +38,7 @@ from llfsm.runtime.bundles.names import (
     untranslated,
 )
 from llfsm.runtime.bundles.read import (
-    HISTORY,
-    IN_PLACE,
-    NOT_FINAL,
-    RUNS,
-    STOPS,
+    MARKS,
     Reader,
     read_bundle,
 )
@@ -75,7 +71,7 @@ def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
     known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in _OF_A_MACHINE)}
     for state in bundle.states:
         stem = f"State_{state.name}"
-        known |= {f"{stem}_{each}" for each in (NOT_FINAL, RUNS, HISTORY, IN_PLACE, STOPS)}
+        known |= {f"{stem}_{each}" for each in MARKS}
         known |= {f"{stem}_{part}.py" for part in (*SECTIONS, *_OF_A_MACHINE)}
         for number in range(len(state.transitions) + 1):  # one more: its name may be meant
             known |= {f"{stem}_Transition_{number}{suffix}" for suffix in _OF_TRANSITIONS}

@@ -121,7 +121,7 @@ class _Keeping:
         kernel, roots = self._kernel, self._kernel.roster.named
         if not kernel.stop_is_seen:
             self._over = [name for name in self._roots if name not in roots]
-        now_ns = kernel.environment.clock.now_ns()
+        now_ns = kernel.environment.peek_ns()
         machines = [
             self._describe(seat, now_ns)
             for name in self._roots
@@ -225,7 +225,7 @@ class _Keeping:
 
     def _check(self, seat: Seat, machine: KeptMachine) -> None:
         """Check that the class is the one that was kept, or differs only in what is added."""
-        if seat.path != machine.path:
+        if Path(seat.path).name != Path(machine.path).name:  # their folder may be another one
             raise self._other(f"has {seat.name} as {machine.path}, which is {seat.path}")
         known = {*seat.states, seat.suspension.name}
         running = {state.name for state in seat.table.states if state.runs}
@@ -241,7 +241,7 @@ class _Keeping:
 
     def _stand(self, seat: Seat, machine: KeptMachine, *, unresumed: bool) -> None:
         """Let a machine stand as if it was suspended meanwhile and resumed, or `unresumed`."""
-        now_ns = self._kernel.environment.clock.now_ns()
+        now_ns = self._kernel.environment.peek_ns()
         state = seat.states.get(machine.state, seat.suspension)
         seat.stood = None
         if machine.stood is not None:
@@ -279,7 +279,7 @@ class _Variables:
     """Pack the variables of machines, and check of each new value that it comes back."""
 
     def __init__(self) -> None:
-        self._checked: dict[tuple[str, str], bytes] = {}
+        self._checked: dict[tuple[str, str], tuple[type, bytes]] = {}
         self._decoders: dict[tuple[type, str], msgspec.msgpack.Decoder[Any]] = {}
 
     def pack(self, seat: Seat) -> dict[str, msgspec.Raw]:
@@ -294,10 +294,10 @@ class _Variables:
     def _pack(self, machine: str, variable: Variable, value: Any) -> bytes:
         try:
             data = msgspec.msgpack.encode(value)
-            if self._checked.get((machine, variable.name)) != data:
+            if self._checked.get((machine, variable.name)) != (type(value), data):
                 if not _is_same(self._unpack(variable, data), value):
                     raise TypeError(f"it would come back as another value of {variable.type_text}")
-                self._checked[machine, variable.name] = data
+                self._checked[machine, variable.name] = type(value), data
         except (TypeError, ValueError, OverflowError, RecursionError) as error:
             raise KeepError(
                 f"{machine}.{variable.name}, a {type(value).__name__}, cannot be kept: {error}; "

@@ -50,6 +50,7 @@ class KeptFile:
         self._written, self._closed = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None  # from the first record on
         self._failure: OSError | None = None
+        self._is_gone = False  # as somebody has removed it
         self.latest: bytes | None = None
         try:
             self._file = self._open()
@@ -67,7 +68,7 @@ class KeptFile:
             raise self._failed("cannot be written", self._failure)
         self._number += 1
         try:
-            if self._file < 0 or len(record) > self._size - _RECORD.size:
+            if self._file < 0 or self._is_gone or len(record) > self._size - _RECORD.size:
                 self._make(record)
                 return
             with self._choosing:
@@ -147,7 +148,7 @@ class KeptFile:
             with open(file, "wb", closefd=False) as written:
                 written.write(data.ljust(_HEAD.size + _PLACES * size, b"\0"))
             os.fsync(file)
-            if self._file < 0 and self.path.exists():
+            if (self._file < 0 or self._is_gone) and self.path.exists():
                 raise FileExistsError("another process has just made it")
             os.replace(new, self.path)
         except BaseException:
@@ -156,6 +157,7 @@ class KeptFile:
         with self._choosing:
             before, self._file, self._size = self._file, file, size
             self._newest = self._synced = 0
+            self._is_gone = False
             if before >= 0 and self._syncing < 0:
                 os.close(before)  # else by the thread that uses it
             self._syncing = -1
@@ -179,13 +181,15 @@ class KeptFile:
                 file, self._syncing = self._file, self._newest
             try:
                 os.fsync(file)
+                is_gone = not self.path.exists()
             except OSError as error:
-                self._failure = error
+                self._failure, is_gone = error, False
             with self._choosing:
                 if file != self._file:
                     os.close(file)
                 else:
                     self._synced, self._syncing = self._syncing, -1
+                    self._is_gone = is_gone
 
     def _offset(self, place: int) -> int:
         return _HEAD.size + place * self._size

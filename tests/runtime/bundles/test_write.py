@@ -49,6 +49,9 @@ def bundles(draw: st.DrawFn) -> Bundle:
         maybe,
         maybe,
         maybe,
+        st.booleans(),
+        st.lists(st.sampled_from(["Arm", "Base.1", "ä"]), max_size=2).map(tuple),
+        *[st.booleans()] * 3,
     )
     layout = st.builds(MachineLayout, st.dictionaries(name, boxes), st.dictionaries(name, paths))
     return Bundle(

@@ -128,7 +128,8 @@ def machine(choose: Random) -> tuple[str, dict[str, str]]:
             if body:
                 lines += [f"    @{state}.{decorator}", "    def _(self) -> None:"]
                 lines += textwrap.indent(body.replace("@", "self."), "        ").splitlines()
-        guards = [(code("{b}", choose), choose.choice(states)) for _ in range(choose.randint(0, 2))]
+        others = [each for each in states if each != state] or states  # else after_ms is not anew
+        guards = [(code("{b}", choose), choose.choice(others)) for _ in range(choose.randint(0, 2))]
         following = states[(number + 1) % len(states)]  # that all can be reached
         guards = [*(dict(guards) | {"@on": following}).items()]  # asked again, one never fires
         for place, (guard, target) in enumerate(guards):

@@ -28,6 +28,7 @@ from llfsm.runtime import (
     Submachine,
     variable,
 )
+from llfsm.runtime.bundles import Bundle, BundleState, load_bundle, write_bundle
 from llfsm.runtime.engine.events import Event, RoundEnd
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.keeping import keep_in
@@ -396,6 +397,18 @@ def test_variables_that_are_new_have_their_defaults(tmp_path: Path) -> None:
     with keep_in(tmp_path / "kept", arrangement):
         pump: Any = arrangement.machine("Pump")
         assert (pump.given, pump.more) == (1, 7)
+
+
+def test_their_folder_may_be_another_one(tmp_path: Path) -> None:
+    for folder in ("old", "new"):
+        bundle = Bundle("Lamp", (BundleState("On", final=False),))
+        write_bundle(bundle, tmp_path / folder / "Lamp.machine")
+    for folder, goes_on in (("old", False), ("new", True)):
+        lamp = load_bundle(tmp_path / folder / "Lamp.machine")
+        arrangement = Arrangement([lamp], clock=ManualClock())
+        with keep_in(tmp_path / "kept", arrangement) as found:
+            assert found is goes_on
+            arrangement.round()
 
 
 def test_a_round_that_changes_nothing_writes_nothing(tmp_path: Path) -> None:

@@ -96,6 +96,26 @@ def test_a_file_is_one_process_s(tmp_path: Path) -> None:
     assert read(tmp_path / "kept") == b"2" * 10_000
 
 
+def test_one_that_is_removed_meanwhile_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "SYNC_S", 0.01)
+    path, number = tmp_path / "kept", 0
+
+    def is_there() -> bool:
+        nonlocal number
+        number += 1
+        file.write(b"%d" % number)
+        return path.exists()
+
+    file = KeptFile(path)
+    assert is_there()
+    path.unlink()
+    wait_for(is_there, "it is made again")
+    file.close()
+    assert read(path) == b"%d" % number
+
+
 @pytest.mark.parametrize(
     ("make", "what"),
     [
