@@ -6,7 +6,7 @@ would sleep until then. So an hour of a machine takes as long as its ringlets do
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from difflib import SequenceMatcher
 from operator import itemgetter
 from typing import Any, TypeAlias
@@ -57,8 +57,32 @@ def _entries(trace: Iterable[Event], machine: str) -> list[Section]:
 def current_states(arrangement: Arrangement, machines: Iterable[Machine]) -> str:
     """Write a line for each machine, after a line break: its state, and for how long."""
     now_ns = arrangement.clock.now_ns()
-    lines = [_current_state(machine, now_ns) for machine in machines] or ["no machines"]
-    return "".join(f"\n  {line}" for line in lines)
+    return _lines([_current_state(machine, now_ns) for machine in machines])
+
+
+def _explained_states(arrangement: Arrangement, machines: Iterable[Machine]) -> str:
+    """Do as `current_states`, and write below each machine why it is in its state."""
+    now_ns = arrangement.clock.now_ns()
+    lines: list[str] = []
+    for machine in machines:
+        lines += (_current_state(machine, now_ns), *_causes(machine, now_ns))
+    return _lines(lines)
+
+
+def _lines(lines: list[str]) -> str:
+    return "".join(f"\n  {line}" for line in lines or ["no machines"])
+
+
+def _causes(machine: Machine, now_ns: int) -> Iterator[str]:
+    from llfsm.runtime.debugging.causes import why  # here, as few tests fail
+
+    seat = machine._seat
+    status = seat.standing()
+    is_there = seat.taken and seat.current is seat.previous and not status.suspended
+    if is_there and status.entered_ns is not None:
+        words = {True: "true", False: "false", None: "?"}
+        for each in why(machine, status.state, now_ns - status.entered_ns):
+            yield f"  -> {each.target}  {words[each.value]}: {each.seen}"
 
 
 def _current_state(machine: Machine, now_ns: int) -> str:
@@ -98,6 +122,7 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
     `within_ms` milliseconds have passed or the arrangement is over, and `OptionError` for another
     clock or a condition that no loaded machine can meet.
     """
+    __tracebackhide__ = True  # for pytest: what failed is in the test
     clock = arrangement.clock
     if not isinstance(clock, ManualClock):
         raise OptionError(
@@ -120,9 +145,8 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
         if over or begin_ns + passed_ns >= end_ns:
             why = f"over after {passed_ns / 1e6:g} ms" if over else f"not in {within_ms:g} ms"
             rounds = arrangement.rounds - begin_round
-            raise NotReachedError(
-                f"waited for {what}: {why}, {rounds} rounds{current_states(arrangement, machines)}"
-            )
+            states = _explained_states(arrangement, machines)
+            raise NotReachedError(f"waited for {what}: {why}, {rounds} rounds{states}")
         next_ns = next_round_ns(arrangement, round_ns, fired)
         clock.sleep_until_ns(min(next_ns, end_ns))
 

@@ -77,9 +77,12 @@ def test_what_is_waited_for_in_vain():
     assert str(raised.value).split("\n") == [
         "waited for RosBlindTurttleBot.END: not in 1500 ms, 152 rounds",
         "  RosBlindTurttleBot: STRAIGHT for 489.99 ms",
+        "    -> TURN_RIGHT  false: 489.99 ms > 1000 ms",
+        "    -> END  false: stopping=False",
         "  Spinner: Suspended for 1500 ms, suspended",
     ]
     assert arrangement.clock.now_ns() == 1_500_000_000
+    assert raised.traceback.filter(raised)[-1].name == "test_what_is_waited_for_in_vain"
 
 
 def test_a_condition_is_any_function_and_named_in_the_failure():
