@@ -79,6 +79,15 @@ def lock(file: int) -> bool:
     return True
 
 
+def sync_folder(folder: Path) -> None:
+    """Bring the names of a folder's files to the disk, as after one has taken another's place."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def remove_board(name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
     """Remove a board's file, damaged or not, in use or not, and the version log beside it.
 

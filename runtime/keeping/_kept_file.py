@@ -22,7 +22,7 @@ from typing import Final
 from zlib import crc32
 
 from llfsm.runtime.engine.errors import KeepError
-from llfsm.whiteboard.board_files import lock, open_own
+from llfsm.whiteboard.board_files import lock, open_own, sync_folder
 from llfsm.whiteboard.errors import BoardPermissionError
 
 SYNC_S: Final = 1.0
@@ -161,14 +161,7 @@ class KeptFile:
             if before >= 0 and self._syncing < 0:
                 os.close(before)  # else by the thread that uses it
             self._syncing = -1
-        self._sync_folder()
-
-    def _sync_folder(self) -> None:
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_folder(self.path.parent)
 
     def _sync(self) -> None:
         """Bring what was written to the disk, once in `SYNC_S` at most."""

@@ -19,7 +19,7 @@ from zlib import crc32
 
 import msgspec
 
-from llfsm.whiteboard.board_files import lock, open_own
+from llfsm.whiteboard.board_files import lock, open_own, sync_folder
 from llfsm.whiteboard.errors import (
     BoardCorruptError,
     BoardError,
@@ -195,11 +195,7 @@ class Keeper:
         if self._file >= 0:
             os.close(self._file)
         self._file = file
-        folder = os.open(self._path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_folder(self._path.parent)
 
     def _lock(self, file: int) -> None:
         if not lock(file):
