@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import os
+import shlex
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Container
@@ -230,7 +231,13 @@ def load_bundle(folder: str | Path) -> type[Machine]:
     ``Layout.plist``. Raise `BundleError`, with file and line, for text that cannot be read or
     understood, and `DefinitionError` for an inconsistent table.
     """
-    return compile_bundle(read_bundle(folder))
+    bundle = read_bundle(folder)
+    try:
+        return compile_bundle(bundle)
+    except BundleError:
+        if bundle.folder is not None:
+            require_own_files(bundle.folder)
+        raise
 
 
 def compile_bundle(bundle: Bundle) -> type[Machine]:
@@ -296,6 +303,24 @@ def _run_by(bundle: Bundle, name: str) -> type[Machine] | str:
         return load_bundle(folder)
     finally:
         _LOADING.pop()
+
+
+def require_own_files(folder: Path) -> None:
+    """Raise `BundleError` if the files of a bundle are those of another one, which it is a copy of.
+
+    A machine's files begin with its name, which is that of the folder.
+    """
+    ends = ("_Includes.py", "_Methods.py", "_Variables.py")
+    files = sorted(file for file in folder.glob("*_*.py") if file.name.endswith(ends))
+    names = {file.stem.rpartition("_")[0]: file for file in files if file.name[:6] != "State_"}
+    if len(names) == 1 and folder.stem not in names and all(map(str.isidentifier, names)):
+        ((name, file),) = names.items()
+        raise BundleError(
+            f"this is a file of a machine {name}, and this one is {folder.stem}; of a copied or "
+            f"renamed bundle, rename the files, too: (cd {shlex.quote(str(folder))} && "
+            f'for f in {name}_*; do mv "$f" {shlex.quote(folder.stem)}_"${{f#{name}_}}"; done)',
+            file,
+        )
 
 
 def require_python(bundle: Bundle) -> None:

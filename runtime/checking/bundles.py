@@ -27,7 +27,7 @@ from llfsm.runtime.bundles import (
     compile_bundle,
 )
 from llfsm.runtime.bundles.code import parse, parse_expression
-from llfsm.runtime.bundles.compiling import CONTROLS, ENDS, Scope
+from llfsm.runtime.bundles.compiling import CONTROLS, ENDS, Scope, require_own_files
 from llfsm.runtime.bundles.names import (
     UNTRANSLATED,
     Known,
@@ -112,6 +112,7 @@ def load_checked(folder: Path) -> type[Machine]:
     findings, machine = _check(folder, load=True)
     errors = [each for each in findings if each.severity == "error"]
     if errors or machine is None:
+        require_own_files(folder.resolve())
         first = errors[0]
         raise BundleError(first.text, Path(first.file), first.line)
     return machine

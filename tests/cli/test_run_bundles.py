@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from .conftest import Llfsm
+from llfsm import machines
+
+from .conftest import Llfsm, wait_for_line
 
 
 def write(folder: Path, entry: str, **files: str) -> None:
@@ -68,3 +72,17 @@ def test_bad_input_is_one_clear_error(
     assert done.returncode == status
     assert printed in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_of_a_copied_bundle_the_files_are_renamed(llfsm: Llfsm, tmp_path: Path) -> None:
+    shipped = Path(machines.__file__).parent / "RosPingPong.machine"
+    copy = tmp_path / "my own" / "Ping.machine"
+    shutil.copytree(shipped, copy)
+    refused = llfsm.run("run", str(copy), "--local")
+    assert refused.returncode == 1
+    error = refused.stderr.splitlines()[-1]
+    assert "RosPingPong_Variables.py: this is a file of a machine RosPingPong" in error
+    command = error.partition("rename the files, too: ")[2]
+    subprocess.run(["sh", "-c", command], check=True)
+    done = llfsm.start("run", str(copy), "--local", "-v")
+    wait_for_line(done, "PUBLISH")

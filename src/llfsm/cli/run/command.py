@@ -69,7 +69,7 @@ _ALL = "llfsm.run.all"  # in the context, if the help is to show all options
 def _help_all(ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
     if is_asked:
         ctx.meta[_ALL] = True
-        click.echo(ctx.get_help())
+        echo(ctx.get_help())
         ctx.exit()
 
 
