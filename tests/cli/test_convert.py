@@ -10,7 +10,7 @@ from .conftest import Llfsm
 
 
 def test_there_and_back(llfsm: Llfsm) -> None:
-    llfsm.run("new", "Blink")
+    llfsm.run("new", "Blink", "--bundle")
     there = llfsm.run("convert", "Blink.machine")
     assert (there.returncode, there.stdout) == (0, "wrote blink.py\n"), there.stderr
     assert "class Blink(Machine):" in (llfsm.cwd / "blink.py").read_text()
@@ -26,7 +26,7 @@ def test_there_and_back(llfsm: Llfsm) -> None:
 
 
 def test_a_class_is_drawn_by_its_layout(llfsm: Llfsm) -> None:
-    llfsm.run("new", "Blink")
+    llfsm.run("new", "Blink", "--bundle")
     llfsm.run("convert", "Blink.machine")
     bundle, machine = (
         llfsm.run("draw", name, "--format", "svg").stdout for name in ("Blink", "blink:Blink")
@@ -40,7 +40,7 @@ def test_a_class_is_drawn_by_its_layout(llfsm: Llfsm) -> None:
 
 
 def test_what_is_there_is_kept(llfsm: Llfsm) -> None:
-    llfsm.run("new", "Blink")
+    llfsm.run("new", "Blink", "--bundle")
     (llfsm.cwd / "Blink.layout").write_text("mine")
     refused = llfsm.run("convert", "Blink.machine")
     assert (refused.returncode, refused.stderr) == (

@@ -22,14 +22,14 @@ def test_there_is_no_bundle(tmp_path: Path) -> None:
 
 def test_the_token_is_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, " ")
-    call("new", "Patrol", cwd=tmp_path)
+    call("new", "Patrol", "--bundle", cwd=tmp_path)
     done = call("edit", "Patrol", "--no-open", "--port", "0", cwd=tmp_path)
     assert done.returncode == 1
     assert f"${TOKEN_VARIABLE} is empty" in done.stderr
 
 
 def test_a_bundle_is_opened_and_left_as_it_was(tmp_path: Path) -> None:
-    call("new", "Patrol", cwd=tmp_path)
+    call("new", "Patrol", "--bundle", cwd=tmp_path)
     folder = tmp_path / "Patrol.machine"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     process = Process("edit", "Patrol", "--no-open", "--port", "0", cwd=tmp_path)
@@ -67,7 +67,7 @@ class Guard(Machine):
 def test_an_arrangement_is_opened_also_if_not_all_of_its_machines_can_be(tmp_path: Path) -> None:
     robot = tmp_path / "robot"
     robot.mkdir()
-    call("new", "Patrol", cwd=robot)
+    call("new", "Patrol", "--bundle", cwd=robot)
     (robot / "robot.toml").write_text(PLAN)
     (robot / "guard.py").write_text(GUARD)
     (robot / "broken.py").write_text("class Broken(:\n")

@@ -39,8 +39,8 @@ def test_what_is_told_to_do_next_works(llfsm: Llfsm, board: str, kind: str, fold
     assert "COUNT" in (llfsm.cwd / draw[-1]).read_text()
 
 
-def test_a_bundle_by_default_with_a_layout_of_all_it_has(llfsm: Llfsm) -> None:
-    llfsm.run("new", "Blink")
+def test_a_bundle_has_a_layout_of_all_it_has(llfsm: Llfsm) -> None:
+    llfsm.run("new", "Blink", "--bundle")
     table = load_bundle(llfsm.cwd / "Blink.machine").table
     assert table.layout is not None
     assert table.layout.states.keys() == {state.name for state in table.states}
@@ -57,6 +57,47 @@ def test_the_class_is_typed_and_clean(llfsm: Llfsm) -> None:
     typed = subprocess.run([*command, str(file)], cwd=root, capture_output=True, text=True,
                            check=False)  # fmt: skip
     assert typed.returncode == 0, typed.stdout
+
+
+@pytest.mark.parametrize("options", [(), ("-o", "some/robots")])
+def test_by_default_it_comes_with_a_test_and_a_plan(
+    llfsm: Llfsm, board: str, options: tuple[str, ...]
+) -> None:
+    made = llfsm.run("new", "WallFollower", *options)
+    assert (made.returncode, made.stderr) == (0, "")
+    folder = llfsm.cwd / (options[-1] if options else "") / "wall_follower"
+    assert {each.name for each in folder.iterdir()} == {
+        *("wall_follower.py", "test_wall_follower.py", "wall_follower.toml", "README.md"),
+    }
+    assert f"  cd {folder.relative_to(llfsm.cwd)}" in made.stdout.splitlines()
+    llfsm.cwd = folder
+    run, check, verify = commands(made.stdout)
+    ran = llfsm.run(*run, "-b", board)
+    assert "WallFollower counts from 0" in ran.stdout
+    assert llfsm.run(*check).stdout == "no findings\n"
+    assert "holds: no machine's code raises" in llfsm.run(*verify).stdout
+    readme = (folder / "README.md").read_text()
+    assert all(f"`llfsm {' '.join(each)}`" in readme for each in (run, check, verify))
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    tested = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert "2 passed" in tested.stdout
+    root = Path(__file__).parents[2]
+    typed = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(root / ".mypy_cache"), "."],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert typed.returncode == 0, typed.stdout
+
+
+@pytest.mark.parametrize("there", ["README.md", "blink.toml", "test_blink.py", "blink.py"])
+def test_nothing_is_written_where_a_part_of_it_is_there(llfsm: Llfsm, there: str) -> None:
+    folder = llfsm.cwd / "blink"
+    folder.mkdir()
+    (folder / there).write_text("mine")
+    done = llfsm.run("new", "Blink")
+    assert done.returncode == 1
+    assert f"blink/{there}: not written: it is there already" in done.stderr
+    assert [each.read_text() for each in folder.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize(

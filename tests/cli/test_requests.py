@@ -47,7 +47,7 @@ def test_reload(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> Non
     assert "only a .machine bundle can be reloaded" in done.stderr
     assert "Stays is not reloaded: " in llfsm.run("ps", "-b", board).stdout
     assert "only a .machine bundle" in rows(llfsm, "-b", board)["Stays"]["refusal"]
-    assert llfsm.run("new", "Blink").returncode == 0
+    assert llfsm.run("new", "Blink", "--bundle").returncode == 0
     bundle = llfsm.cwd / "Blink.machine"
     (bundle / "State_COUNT_Transition_1.expr").write_text("after(3600)\n")
     process = llfsm.start("run", "Blink.machine", "-q", "-b", board)

@@ -571,3 +571,24 @@ def test_times_of_the_command_line_go_before_those_of_a_file(
 def test_a_period_and_any_time_are_not_asked_for_together(llfsm: Llfsm) -> None:
     done = verify(llfsm, "--any-time", "--period-ms", 20)
     assert (done.returncode, "give period_ms, or any_time=True" in done.stderr) == (2, True)
+
+
+def test_what_machines_print_is_dropped(llfsm: Llfsm, tmp_path: Path) -> None:
+    (tmp_path / "loud.py").write_text(
+        "from llfsm.runtime import Machine, State\n"
+        "class Loud(Machine):\n"
+        "    one, two = State(), State()\n"
+        "    one.to(two)\n"
+        "    @one.on_entry\n"
+        "    def _(self): print('LOUD')\n"
+        "from llfsm.runtime.verification import always\n"
+        "quiet = always(lambda v: v.Loud.state == 'one')\n"
+    )
+    run = ("verify", "loud.py:Loud", "-p", "loud:quiet", "--period-ms", "10")
+    for options in ([], ["--json"], ["--record", "it.mcap"], ["--pytest", "-"]):
+        done = llfsm.run(*run, *options)
+        assert done.returncode == 1
+        printed = done.stdout.replace("print('LOUD')", "")
+        assert "LOUD" not in printed, options
+        if options == ["--json"]:
+            json.loads(done.stdout)

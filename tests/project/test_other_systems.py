@@ -97,7 +97,7 @@ class _System(NamedTuple):
 
 
 WORKING = {
-    "new": "new Blinker",
+    "new": "new Blinker --bundle",
     "check": "check Blinker.machine",
     "draw": "draw RosPingPong -o ping.svg",
     "verify": "verify RosBlindTurttleBot --period-ms 500",

@@ -65,11 +65,11 @@ def edit(
     For an arrangement file, each machine has a tab, beside an overview of what they read, post and
     request of each other.
 
-    Each edit is written at once, and nothing else in the bundle changes. `llfsm new` makes a bundle
-    to start from. Its code is run only by the page's button Simulate. For a C++ bundle or a class,
-    patrol.py:Patrol, only the layout is edited. A class's module is imported whenever it changes,
-    and its layout is kept beside it, in Patrol.layout. The page needs the token in the printed
-    address: $LLFSM_VIEW_TOKEN, or else a new one.
+    Each edit is written at once, and nothing else in the bundle changes. `llfsm new --bundle` makes
+    one to start from. Its code is run only by the page's button Simulate. For a C++ bundle or a
+    class, patrol.py:Patrol, only the layout is edited. A class's module is imported whenever it
+    changes, and its layout is kept beside it, in Patrol.layout. The page needs the token in the
+    printed address: $LLFSM_VIEW_TOKEN, or else a new one.
 
     \b
     llfsm edit Patrol
@@ -97,7 +97,9 @@ def edit(
 def _opened(machine: str) -> Document:
     is_class = ":" in machine or machine.endswith(".py")
     if not is_class and find_bundle(machine, _HERE) is None:
-        raise click.UsageError(f"no bundle {machine!r}; make one with: llfsm new {machine}")
+        raise click.UsageError(
+            f"no bundle {machine!r}; make one with: llfsm new {machine} --bundle"
+        )
     return _document(machine, _HERE)
 
 

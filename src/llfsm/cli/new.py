@@ -19,48 +19,120 @@ from llfsm.runtime.bundles import (
     write_bundle,
 )
 from llfsm.runtime.converting import module_name, write_class
+from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 
 
 @click.command()
 @click.argument("name")
-@click.option(
-    "--class/--bundle",
-    "as_class",
-    default=False,
-    help="Make a class in a Python file, or a .machine bundle (the default).",
-)
+@click.option("--class", "kind", flag_value="class", help="Make only a class in a Python file.")
+@click.option("--bundle", "kind", flag_value="bundle", help="Make a .machine bundle.")
 @output_option("it")
-def new(name: str, as_class: bool, output: Path) -> None:
+def new(name: str, kind: str | None, output: Path) -> None:
     """Make machine NAME, which counts for a second and ends; comments explain its code.
 
-    Existing files are never replaced.
+    It is a class in a folder of its own, with a test, an arrangement file and a README. Existing
+    files are never replaced.
 
     \b
     llfsm new Patrol
     llfsm new WallFollower --class
+    llfsm new Blinker --bundle
     """
     if not (name.isascii() and name.isidentifier()) or iskeyword(name):
         raise click.UsageError(
             f"{name!r} cannot name a machine: use letters, digits and _, not a digit first, "
             f"and no keyword of Python"
         )
-    if as_class:
-        module = module_name(name)
-        wrote = write_class(name, _CLASS.format(name=name, module=module), output)
-        machine = f"{module}:{name}"
-    else:
-        wrote = output / f"{name}{SUFFIX}"
-        machine = str(output / name)
+    module = module_name(name)
+    text = _CLASS.format(name=name, module=module)
+    machine, commands, folder = (
+        f"{module}:{name}",
+        ("run {0}", "check {0}", "draw {0} -o {1}.svg"),
+        output,
+    )
+    if kind == "bundle":
+        wrote, machine, folder = output / f"{name}{SUFFIX}", str(output / name), Path()
         write_bundle(_bundle(name), wrote)
+    elif kind == "class":
+        wrote = write_class(name, text, output)
+    else:
+        wrote = folder = output / module
+        machine, commands = f"{module}.toml", ("run {0} -v", "check {0}", "verify {0}")
+        _write_project(name, text, folder)
     echo(f"wrote {wrote}; next:")
-    if as_class and output != Path():
-        echo(f"  cd {shlex.quote(str(output))}")
-    machine = shlex.quote(machine)
-    for command in (f"run {machine}", f"check {machine}", f"draw {machine} -o {name}.svg"):
-        echo(f"  llfsm {command}")
+    if folder != Path():
+        echo(f"  cd {shlex.quote(str(folder))}")
+    if kind is None:
+        echo("  pytest")
+    for command in commands:
+        echo(f"  llfsm {command.format(shlex.quote(machine), name)}")
 
 
+def _write_project(name: str, text: str, folder: Path) -> None:
+    """Write a class with what belongs to it; raise `BundleError` if any of that is there."""
+    module = module_name(name)
+    texts = {
+        f"test_{module}.py": _TEST,
+        f"{module}.toml": _PLAN,
+        "README.md": _README,
+    }
+    for file in texts:
+        if (folder / file).exists():
+            raise BundleError("not written: it is there already", folder / file)
+    write_class(name, text, folder)
+    for file, content in texts.items():
+        (folder / file).write_text(content.format(name=name, module=module), encoding="utf-8")
+
+
+_TEST = '''\
+"""{name} under a clock that only the test moves: a second takes no time."""
+
+from {module} import {name}
+
+from llfsm.runtime import Arrangement, ManualClock
+from llfsm.runtime.testing import run_until
+
+
+def test_it_counts_for_a_second() -> None:
+    machine = {name}()
+    arrangement = Arrangement([machine], clock=ManualClock())
+    assert run_until(arrangement, lambda now: now.finished, within_ms=2000) > 1000
+    assert machine.count > 0
+
+
+def test_it_ends_when_it_is_asked_to() -> None:
+    machine = {name}()
+    arrangement = Arrangement([machine], clock=ManualClock())
+    arrangement.round()
+    arrangement.stop()
+    assert run_until(arrangement, lambda now: now.finished, within_ms=2000) < 100
+'''
+_PLAN = """\
+# The machines that run together, in this order, and when: see `llfsm run --help`.
+period_us = 10_000  # a round every 10 ms
+# board = "robot"   # the whiteboard; by default $WHITEBOARD_NAME, else "whiteboard"
+
+[[machine]]
+definition = "{module}.py:{name}"
+# variables = {{ count = 100 }}
+"""
+_README = """\
+# {name}
+
+A machine that counts for a second and ends, to start from.
+
+| command | what it does |
+|---|---|
+| `llfsm run {module}.toml -v` | run it, and print each change of state |
+| `pytest` | test it, under a clock that the test moves |
+| `llfsm check {module}.toml` | find mistakes without running it |
+| `llfsm verify {module}.toml` | explore everything it can do |
+| `llfsm draw {module}.py:{name} -o {module}.svg` | draw it |
+| `llfsm view` | watch it in the browser, while it runs |
+
+The machine is in `{module}.py`, the arrangement that runs it in `{module}.toml`.
+"""
 _CLASS = '''\
 """A machine that counts for a second and ends."""
 

@@ -7,9 +7,10 @@ tests.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -204,7 +205,7 @@ def verify(
     try:
         subject = VerifiedMachines(machines, Verification(**asked))
         sought = [each.property for each in subject.named]
-        with _progress(quiet=as_json) as progress:
+        with _progress(quiet=as_json) as progress, _unprinted():
             options: ExploreOptions = {**subject.options(), "progress": progress}
             space = explore(
                 subject.members,
@@ -214,10 +215,12 @@ def verify(
         verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
         undecided = any(verdict.holds is None for verdict in verdicts)
         ended = _why(subject.wanted, space) if undecided else ""
-        if as_json:
-            echo(msgspec.json.encode(as_data(space, verdicts, subject, ended)).decode())
-        else:
-            echo(as_text(space, verdicts, subject, ended, full=full))
+        with _unprinted():
+            if as_json:
+                text = msgspec.json.encode(as_data(space, verdicts, subject, ended)).decode()
+            else:
+                text = as_text(space, verdicts, subject, ended, full=full)
+        echo(text)
         violated = [verdict for verdict in verdicts if verdict.holds is False]
         _write(subject, space, violated, recording, tests)
         for file in exports:
@@ -295,6 +298,13 @@ def _unlogged() -> Iterator[None]:
         log.disabled = before
 
 
+@contextmanager
+def _unprinted() -> Iterator[None]:
+    """Drop what machines print, which are run thousands of times."""
+    with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing):
+        yield
+
+
 @_unlogged()
 def _write(
     subject: VerifiedMachines,
@@ -315,23 +325,25 @@ def _write(
         from llfsm.bridges.recording.recorders import record_script
 
         first, way = ways[0]
-        record_script(
-            recording,
-            space.members,
-            script_of(way, space),
-            plan=subject.plan_with(space.members),
-            folder=subject.folder,
-            unload_accepting=space.unload_accepting,
-            on_error=space.on_error,
-        )
+        with _unprinted():
+            record_script(
+                recording,
+                space.members,
+                script_of(way, space),
+                plan=subject.plan_with(space.members),
+                folder=subject.folder,
+                unload_accepting=space.unload_accepting,
+                on_error=space.on_error,
+            )
         echo(f"{recording}: recorded how {first.property} is violated", err=True)
     if tests is not None:
         where = {each.property: each.where for each in subject.named}
         folder = None if tests == _STDOUT else tests.absolute().parent
-        text = "\n\n".join(
-            regression_of(space, witness, where[each.property], folder=folder)
-            for each, witness in ways
-        )
+        with _unprinted():
+            text = "\n\n".join(
+                regression_of(space, witness, where[each.property], folder=folder)
+                for each, witness in ways
+            )
         if tests == _STDOUT:
             click.echo(text, nl=False)  # a file
         else:
