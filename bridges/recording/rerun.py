@@ -332,7 +332,7 @@ class Difference(NamedTuple):
     """The findings of its machine's sensors, by name."""
 
     def __str__(self) -> str:
-        """Show both side by side, with a star where they differ, and what the machine saw."""
+        """Say what differs; show both runs, with stars where they do, and what the machine saw."""
         both = [_shown(self.recorded), _shown(self.found)]
         names = dict.fromkeys(name for each in both for name in each)
         rows = [("", "recorded", "now")]
@@ -340,11 +340,38 @@ class Difference(NamedTuple):
             before, now = (each.get(name, "") for each in both)
             rows.append((f"{' ' if before == now else '*'} {name}", before, now))
         widths = [max(len(row[column]) for row in rows) for column in range(2)]
-        lines = [f"event {self.number} differs, after {self.after_s:.6f} s:"]
+        lines = [f"{self._said()}event {self.number} differs, after {self.after_s:.6f} s:"]
         lines += [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
         machine = (self.recorded or self.found or {}).get("machine")
         lines += [f"{machine} saw {name} = {value!r}" for name, value in self.saw.items()]
         return "\n".join(lines)
+
+    def _said(self) -> str:
+        """Say in a line what the machine does otherwise; "" if it is no post, guard or state."""
+        before, now = self.recorded or {"event": ""}, self.found or {"event": ""}
+        machine, kinds = (
+            (now if self.found else before).get("machine"),
+            (before["event"], now["event"]),
+        )
+        at = f"at {self.after_s:.3f} s"
+        if kinds[1] == "Posted":
+            posts = f"{machine} now posts {_post(now)} {at}"
+            same = kinds[0] == "Posted" and before["machine"] == machine
+            return f"{posts}, where it posted {_post(before) if same else 'nothing'}\n"
+        if kinds[0] == "Posted":
+            return f"{before['machine']} no longer posts {_post(before)} {at}\n"
+        if kinds == ("Eval", "Eval") and before["value"] != now["value"]:
+            arrow = f"{now['state']} -> {now['target']}"
+            was, value = str(before["value"]).lower(), str(now["value"]).lower()
+            return f"{machine}: {arrow} is now {value} {at}, where it was {was}\n"
+        if kinds == ("Turn", "Turn") and before["machine"] == machine:
+            return f"{machine} is now in {now['state']} {at}, where it was in {before['state']}\n"
+        return ""
+
+
+def _post(entry: Entry) -> str:
+    values = msgspec.msgpack.decode(entry["message"])
+    return f"{entry['slot']} = {values[0] if len(values) == 1 else values!r}"
 
 
 def _shown(entry: Entry | None) -> dict[str, str]:

@@ -16,7 +16,14 @@ from llfsm.bridges.recording.errors import (
     RerunError,
 )
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, assert_reruns, rerun
+from llfsm.bridges.recording.rerun import (
+    COMPARISONS,
+    Comparison,
+    Difference,
+    Rerun,
+    assert_reruns,
+    rerun,
+)
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.journal.entries import Entry
@@ -105,22 +112,38 @@ class Renamed(Machine):
 
 
 @pytest.mark.parametrize(
-    ("cls", "row"),
+    ("cls", "said", "row"),
     [
-        (OtherValue, r"^\* message +\[9\] +\[10\]$"),
-        (Mute, r"^\* event +Posted +Eval$"),
-        (Chatty, r"^\* event +RoundEnd +Posted$"),
-        (AtEnd, r"^\* message +\[-1\] +\[-2\]$"),
-        (Raising, r"^\* event +RoundEnd +Posted$"),
+        (
+            OtherValue,
+            "now posts seen = 10 at S, where it posted seen = 9",
+            r"message +\[9\] +\[10\]",
+        ),
+        (Mute, "no longer posts seen = 9 at S", r"event +Posted +Eval"),
+        (Chatty, "now posts seen = 0 at S, where it posted nothing", r"event +RoundEnd +Posted"),
+        (AtEnd, "now posts seen = -2 at S, where it posted seen = -1", r"message +\[-1\] +\[-2\]"),
+        (Raising, "now posts seen = -1 at S, where it posted nothing", r"event +RoundEnd +Posted"),
     ],
 )
-def test_the_first_difference_is_shown(cls: type[Machine], row: str) -> None:
+def test_the_first_difference_is_shown(cls: type[Machine], said: str, row: str) -> None:
     difference, _ = patrol().again([named(cls)])
     assert difference is not None
-    head, columns, *rows = str(difference).splitlines()
+    first, head, columns, *rows = str(difference).splitlines()
+    assert re.sub(r"[0-9.]+ s\b", "S", first) == f"Patrol {said}"
     assert head.startswith(f"event {difference.number} differs, ")
     assert columns.split() == ["recorded", "now"]
-    assert re.search(row, "\n".join(rows), re.MULTILINE)
+    assert re.search(rf"^\* {row}$", "\n".join(rows), re.MULTILINE)
+
+
+def test_a_guard_or_a_state_that_differs_is_said() -> None:
+    guard: Entry = {"event": "Eval", "round": 3, "time_ns": 0, "machine": "M", "state": "A"}
+    guard |= {"transition": 0, "label": "near", "target": "B", "value": False}
+    said = str(Difference(7, 1.5, guard, guard | {"value": True})).splitlines()[0]
+    assert said == "M: A -> B is now true at 1.500 s, where it was false"
+    turn: Entry = {"event": "Turn", "round": 3, "time_ns": 0, "index": 0, "machine": "M"}
+    turn |= {"state": "A", "previous": None, "request": None}
+    said = str(Difference(7, 1.5, turn, turn | {"state": "B"})).splitlines()[0]
+    assert said == "M is now in B at 1.500 s, where it was in A"
 
 
 def test_what_the_machine_saw_is_shown() -> None:
