@@ -209,7 +209,8 @@ def test_code_that_has_changed_is_followed_up_to_where_it_differs(run: Run) -> N
     with debugging(run, [Keeper, Changed]) as reverse:
         reverse.wait()
         reverse.proceed()
-        assert reverse.end.startswith("from here on the machines do not act as recorded: event ")
+        said = "from here on the machines do not act as recorded: Follower now "
+        assert reverse.end.startswith(said)
         assert "* message" in reverse.end
         assert reverse.arrangement.state_name_of("Follower") == "high"
         end = reverse.end

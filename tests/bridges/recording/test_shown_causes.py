@@ -132,7 +132,7 @@ def test_other_code_is_named_and_guards_keep_their_values(recording: Recording) 
     with explaining(recording, Louder) as source:
         now_ns = [*evaluated(recording)][5]
         wait_for(lambda: shown(source, now_ns).problem, "the difference")
-        assert "the machines do not act as recorded: event " in shown(source, now_ns).problem
+        assert "the machines do not act as recorded: Follower now " in shown(source, now_ns).problem
         assert labelled(shown(source, now_ns))
 
 
