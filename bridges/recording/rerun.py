@@ -340,20 +340,17 @@ class Difference(NamedTuple):
             before, now = (each.get(name, "") for each in both)
             rows.append((f"{' ' if before == now else '*'} {name}", before, now))
         widths = [max(len(row[column]) for row in rows) for column in range(2)]
-        lines = [f"{self._said()}event {self.number} differs, after {self.after_s:.6f} s:"]
+        lines = [f"{self._in_words()}event {self.number} differs, after {self.after_s:.6f} s:"]
         lines += [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
         machine = (self.recorded or self.found or {}).get("machine")
         lines += [f"{machine} saw {name} = {value!r}" for name, value in self.saw.items()]
         return "\n".join(lines)
 
-    def _said(self) -> str:
+    def _in_words(self) -> str:
         """Say in a line what the machine does otherwise; "" if it is no post, guard or state."""
         before, now = self.recorded or {"event": ""}, self.found or {"event": ""}
-        machine, kinds = (
-            (now if self.found else before).get("machine"),
-            (before["event"], now["event"]),
-        )
-        at = f"at {self.after_s:.3f} s"
+        machine = (now if self.found else before).get("machine")
+        kinds, at = (before["event"], now["event"]), f"at {self.after_s:.3f} s"
         if kinds[1] == "Posted":
             posts = f"{machine} now posts {_post(now)} {at}"
             same = kinds[0] == "Posted" and before["machine"] == machine

@@ -32,7 +32,7 @@ from llfsm.runtime.bundles.names import (
     resolve_method,
     untranslated,
 )
-from llfsm.runtime.bundles.read import SUFFIX, read_bundle
+from llfsm.runtime.bundles.read import DECLARATIONS, SUFFIX, read_bundle
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import Actuator, Sensor
@@ -310,7 +310,7 @@ def require_own_files(folder: Path) -> None:
 
     A machine's files begin with its name, which is that of the folder.
     """
-    ends = ("_Includes.py", "_Methods.py", "_Variables.py")
+    ends = tuple(f"_{part}.py" for part in DECLARATIONS)
     files = sorted(file for file in folder.glob("*_*.py") if file.name.endswith(ends))
     names = {file.stem.rpartition("_")[0]: file for file in files if file.name[:6] != "State_"}
     if len(names) == 1 and folder.stem not in names and all(map(str.isidentifier, names)):

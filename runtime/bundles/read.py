@@ -50,7 +50,8 @@ _HEADER_FILES = (".h", ".hpp", ".hh")
 _CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
 RUN = re.compile(r"[\w.:]+")
 _TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOTALL)
-PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
+DECLARATIONS = ("Variables", "Includes", "Methods")
+PARTS = (*SECTIONS, *DECLARATIONS)
 """The texts that a state can have, by which their files are called."""
 NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
 # Not __proto__ and its like, which mean something else in Python and in browsers.

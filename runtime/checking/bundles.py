@@ -38,7 +38,9 @@ from llfsm.runtime.bundles.names import (
     untranslated,
 )
 from llfsm.runtime.bundles.read import (
+    DECLARATIONS,
     MARKS,
+    PARTS,
     Reader,
     read_bundle,
 )
@@ -54,11 +56,9 @@ from llfsm.runtime.checking._subject import (
 from llfsm.runtime.checking._typed_rules import typed_findings
 from llfsm.runtime.engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.engine.table import Table
 from llfsm.runtime.expressions.reads import MACHINE, Code, parameter_names
 
-_OF_A_MACHINE = ("Includes", "Methods", "Variables")
 _OTHERS = ("IncludePath", "Language", "Layout.plist", "States", "SuspendState")
 _OF_TRANSITIONS = (".expr", ".target")
 
@@ -68,18 +68,18 @@ def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
 
     Only files named like those of a bundle count: notes and modules may be kept beside them.
     """
-    known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in _OF_A_MACHINE)}
+    known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in DECLARATIONS)}
     for state in bundle.states:
         stem = f"State_{state.name}"
         known |= {f"{stem}_{each}" for each in MARKS}
-        known |= {f"{stem}_{part}.py" for part in (*SECTIONS, *_OF_A_MACHINE)}
+        known |= {f"{stem}_{part}.py" for part in PARTS}
         for number in range(len(state.transitions) + 1):  # one more: its name may be meant
             known |= {f"{stem}_Transition_{number}{suffix}" for suffix in _OF_TRANSITIONS}
     for file in sorted(folder.iterdir()):
         if file.name not in known and file.is_file() and not file.name.startswith("."):
             near = did_you_mean(file.name, known)
             is_python = file.suffix == ".py" and file.name.startswith(("State_", f"{bundle.name}_"))
-            is_part = file.name.endswith(tuple(f"_{part}.py" for part in _OF_A_MACHINE))
+            is_part = file.name.endswith(tuple(f"_{part}.py" for part in DECLARATIONS))
             is_named = file.suffix in _OF_TRANSITIONS or (near and not file.suffix)
             if is_python or is_part or is_named:
                 if is_part and not file.name.startswith("State_"):

@@ -318,7 +318,7 @@ class Fired(NamedTuple):
     """"" if none has fired: code of the machine has raised in the state `source`."""
     causes: list[Cause]
     error: ExecutionError | None = None
-    """What that code has raised."""
+    """The error that this code has raised."""
 
     @classmethod
     def of(cls, seat: Seat, source: str, now_ns: int) -> Fired:

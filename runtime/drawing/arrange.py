@@ -100,15 +100,17 @@ def _box(
     for name, runs in zip(run_names(state), state.runs, strict=True):
         tables = [] if unfold is None else _tables(runs, unfold)
         if tables and not any(each in around for each in tables):
+            one_of = len(tables) > 1  # then `name` is of all
             for each in tables:
-                title = f"{RUNS} {each.path.rpartition(':')[2]}" if len(tables) > 1 else None
-                title = title or f"{RUNS} {name}"
+                title = f"{RUNS} {each.path.rpartition(':')[2] if one_of else name}"
                 inner.append(_arranged(each, title, sections, unfold, (*around, each)))
         else:
             others.append(name)
     texts = section_texts(state, sections=bool(sections), runs=others)
     if sections is None and given is not None and given.expanded:
-        texts = cut_sections(state.name, section_texts(state), given.w, given.h)
+        texts = section_texts(state, runs=others)
+        if not inner:  # whose room no layout has
+            texts = cut_sections(state.name, texts, given.w, given.h)
     return make_box(
         state.name,
         texts,

@@ -204,7 +204,7 @@ class BundleFolder:
                 if time.monotonic() > give_up_s:
                     what = f"another program has locked it; see which: fuser {self.path}"
                     raise BundleError(what, self.path) from None
-                time.sleep(_LOCKED_S / 50)
+                time.sleep(_LOCKED_S / 50)  # to wait in flock has no limit
             except OSError:  # some file systems have no locks
                 return
             else:
@@ -434,7 +434,7 @@ class CodeEdit(msgspec.Struct, frozen=True, tag_field="edit"):
         self._change(draft)
 
     def _change(self, draft: Draft) -> None:
-        raise NotImplementedError
+        raise NotImplementedError  # each edit has its own
 
 
 def text_like(old: bytes, text: str) -> bytes:

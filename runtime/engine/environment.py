@@ -328,7 +328,7 @@ class Environment:
         return self.due_ns
 
     def seen_at(self, time_ns: int) -> int:
-        """Return what machines read, in the turn under way, for `time_ns` of the clock."""
+        """Convert `time_ns` of the clock to the time that machines read in the turn under way."""
         return time_ns if self.due_ns is None else self.due_ns
 
     def is_due(self, due_ns: int) -> None:

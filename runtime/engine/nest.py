@@ -36,9 +36,9 @@ class Nested(InnerSeat, Protocol):
     states: dict[str, BoundState]
     suspension: BoundState
     children: list[Any] | None
-    """What its current state runs, in the order of turns, with None for each that has ended."""
+    """The seats that its current state runs, in order of turns; None for each that has ended."""
     parking: bool
-    """Whether it is out of the arrangement, and may be returned to it."""
+    """True if it is out of the arrangement, and may be returned to it."""
 
     @property
     def suspended(self) -> bool:
@@ -82,7 +82,7 @@ class Run(Generic[S]):
     def __init__(self, state: State):
         self.seats: list[S] = []
         self.over = False
-        """Whether the state was left."""
+        """True if the state was left."""
         self.history = state.history
         self._several = state.several
         self.halted: list[S] = []

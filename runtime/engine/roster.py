@@ -12,7 +12,7 @@ from llfsm.runtime.engine.table import numbered_names
 
 
 class Seated(Protocol):
-    """What the roster knows of a seat."""
+    """A seat, as the roster knows it."""
 
     index: int
     name: str
@@ -21,7 +21,7 @@ class Seated(Protocol):
 
     @property
     def failure(self) -> object | None:
-        """What its machine's code has raised; None if nothing."""
+        """The failure of its machine's code; None if there is none."""
 
     @property
     def slots_read(self) -> Set[str]:

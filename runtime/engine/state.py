@@ -97,9 +97,9 @@ class State:
     suspend: bool
     final: bool
     runs: tuple[Runs, ...]
-    """What it runs, in the order of turns."""
+    """The machines that it runs, in the order of turns."""
     several: bool
-    """Whether it was given a list of what to run."""
+    """True if it was given a list of machines to run."""
     history: bool
     resume: Resume
     clock: ClockWhileSuspended

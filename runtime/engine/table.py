@@ -86,7 +86,7 @@ def variable(default: T, *, kept: bool = True) -> T:
     """Declare a variable's default in a class or bundle, and whether it is `kept` in a file.
 
     As in ``cache: dict[str, int] = variable({}, kept=False)``: after a restart of the process it
-    has its default again. What `keep_in` writes needs no value of it.
+    has its default again, and its values need not be ones that a file can hold.
     """
     described: Any = Described(default, kept)
     return cast("T", described)
@@ -100,7 +100,7 @@ class Variable(NamedTuple):
     annotation: Any
     default: Any
     kept: bool = True
-    """Whether a file of kept machines has it."""
+    """True if a file of kept machines has it."""
 
     def initial(self) -> Any:
         """Return the value for a new machine: a copy, so that machines share nothing."""

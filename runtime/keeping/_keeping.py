@@ -42,7 +42,7 @@ T = TypeVar("T")
 
 
 class KeptMachine(msgspec.Struct, frozen=True):
-    """What is kept of a machine; times are in nanoseconds, by the date."""
+    """The standing of a machine, as it is kept; times are in nanoseconds, by the date."""
 
     name: str
     path: str
@@ -54,7 +54,7 @@ class KeptMachine(msgspec.Struct, frozen=True):
     request: Request | None
     accepted: bool
     failure: tuple[str, str, str, str, str | None, int | None] | None
-    """What an `ExecutionError` is made of."""
+    """The arguments of its `ExecutionError`; None without one."""
     held: bool
     loaded: bool
     left: bool
@@ -134,7 +134,6 @@ class _Keeping:
         packed = msgspec.msgpack.encode(content)
         if packed != self._file.latest:
             self._file.write(packed)
-            self._file.latest = packed
 
     def _describe(self, seat: Seat, now_ns: int) -> KeptMachine:
         stood, state = seat.stood, seat.remembered if seat.suspended else seat.current
@@ -250,8 +249,9 @@ class _Keeping:
         seat.accepted, seat.held, seat.request = machine.accepted, machine.held, machine.request
         if machine.failure is not None:
             seat.failure = Failure(ExecutionError(*machine.failure), now_ns)
+        seat.remembered, seat.previous = state, None  # also if it was loaded suspended
         if machine.suspended:
-            seat.current, seat.remembered = seat.suspension, state
+            seat.current = seat.suspension
         elif seat.stood and unresumed:
             seat.current = seat.previous = state
             stops = seat.declared(state).clock == "stops"

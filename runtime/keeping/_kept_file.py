@@ -67,6 +67,7 @@ class KeptFile:
         if self._failure is not None:
             raise self._failed("cannot be written", self._failure)
         self._number += 1
+        self.latest = record
         try:
             if self._file < 0 or self._is_gone or len(record) > self._size - _RECORD.size:
                 self._make(record)

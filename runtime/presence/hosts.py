@@ -383,7 +383,7 @@ class Shown:
         self._board = board
         self._host = host
         self.fleet = FleetReader(board, host) if host or fleet else None
-        """What reads other hosts, if any does."""
+        """The reader of other hosts, if there is one."""
         self._look_s = 0.0  # when to look again
         self._directory = Directory(board)
         self._read: dict[str, Slot[Any]] = {}

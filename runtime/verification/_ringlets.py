@@ -88,7 +88,7 @@ class _ExploredKernel(Kernel):
     environment: ExploredEnvironment
     unobserved = staticmethod(defined_ringlet)  # its twin in C knows no opaque time
     error: ExecutionError | None = None
-    """What a machine's code raised in the latest turn, if all ends with that."""
+    """The error that a machine's code raised in the latest turn, if all ends with that."""
     raised_in: BoundState | None = None
     """The state in which it was, if its machine was suspended for that."""
 

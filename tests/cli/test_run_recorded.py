@@ -127,5 +127,5 @@ def test_machines_run_though_they_cannot_be_recorded(
         with recorded.recorded(None, wb, Plan()) as environment:
             assert isinstance(environment, LiveEnvironment)
         assert "the machines go on unrecorded: " in caplog.text
-        with recorded.recorded(None, wb, Plan(), forks=True) as environment:
+        with recorded.recorded(None, wb, Plan(), in_parts=True) as environment:
             assert isinstance(environment, LiveEnvironment)

@@ -239,7 +239,7 @@ class ReverseDebugger:
         self.end = ""
         """Why there is no moment after this one; "" if there is."""
         self.difference = ""
-        """What the machines do differently at this moment; "" if they act as recorded."""
+        """A description of how the machines differ at this moment; "" if they act as recorded."""
         self._begin(self.jump)
 
     def __enter__(self) -> Self:

@@ -109,7 +109,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return what to start."""
+    """Describe the launch: the machine, as a node."""
     return LaunchDescription([Node(package="$name", executable="$name", output="screen")])
 ''',
 }

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from llfsm.runtime import Machine, State
 from llfsm.runtime.drawing import arrange, to_svg
 from llfsm.runtime.engine.machine import define
-from llfsm.runtime.engine.table import Table
+from llfsm.runtime.engine.table import MachineLayout, StateBox, Table
 from thoroughness import examples
 
 
@@ -116,6 +116,17 @@ def test_those_that_are_only_named_are_found_or_named() -> None:
     found = [each.path for each in states(Xml.fromstring(picture))]
     assert found == [("here",), ("here", "runs Leaf", "only")]
     assert ">Gone<" in picture
+
+
+def test_a_layout_that_shows_sections_cuts_nothing_there() -> None:
+    outer = define("Outer", [State("A", runs=[Leaf])])
+    outer.table.layout = MachineLayout({"A": StateBox(0, 0, 60, 30, expanded=True)})
+    picture = to_svg(arrange(outer.table, unfold=lambda _: None))
+    assert [each.path for each in states(Xml.fromstring(picture))] == [
+        ("A",),
+        ("A", "runs Leaf", "only"),
+    ]
+    assert picture.count("Leaf<") == 1  # it is not in a list, too
 
 
 @pytest.mark.parametrize("table", [Leaf.table, Named.table])

@@ -203,6 +203,39 @@ def test_the_clock_of_a_state_may_stop_meanwhile(tmp_path: Path, clock: Any, lef
     process.kill()
 
 
+class Brakes(Machine):
+    """Counts how often it was suspended in its first state."""
+
+    braked: int = 0
+    first, last = State(), State(final=False)
+    first.to(last, after_ms=25)
+
+    @first.on_suspend
+    def _(self) -> None:
+        self.braked += 1
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_one_that_was_loaded_suspended_stands_where_it_was(tmp_path: Path, resumed: bool) -> None:
+    process = Process(file=tmp_path / "kept", start_suspended=[Brakes])
+    process.turn()
+    process.arrangement.resume("Brakes")
+    process.turn(5)
+    if not resumed:
+        process.arrangement.suspend("Brakes")
+        process.turn()
+    process.kill()
+    process.start()
+    process.turn()
+    machine: Any = process.arrangement.machine("Brakes")
+    seat = process.arrangement.roster.find("Brakes")
+    assert machine.braked == 1  # as it was loaded
+    assert seat.remembered.name == "last"
+    assert seat.suspended is not resumed
+    assert seat.arrival().source == ""
+    process.kill()
+
+
 class Colour(Enum):
     RED = "red"
 

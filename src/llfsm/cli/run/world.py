@@ -59,7 +59,7 @@ def recorded(
     clock: Clock | None = None,
     live: MakeEnvironment = LiveEnvironment,
     *,
-    forks: bool = False,
+    in_parts: bool = False,
     limit: int = HANDOVER_LIMIT,
     patience_s: float = 5.0,
 ) -> Iterator[Environment]:
@@ -68,9 +68,9 @@ def recorded(
     `live` makes it from the board, the clock and the options of `LiveEnvironment`.
 
     With `file`, a recorder that writes it is started; it ends with the ``with`` block. If the
-    arrangement `forks`, only its events are recorded, from the time that it runs. `limit` bytes
-    are kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part
-    of them and to complete the file. Raise ``click.ClickException`` if recording is impossible.
+    arrangement runs `in_parts`, only the events of this one are recorded. `limit` bytes are kept
+    for a recorder that stalls; at the end it has `patience_s` seconds to take each part of them and
+    to complete the file. Raise ``click.ClickException`` if recording is impossible.
     """
 
     def journalled() -> Environment:
@@ -93,7 +93,7 @@ def recorded(
             yield journalled()
         return
     environment: Environment | None = None
-    if recorder is not None and not forks:
+    if recorder is not None and not in_parts:
         try:
             environment = journalled()
         except WhiteboardError as error:  # another's recording is no reason not to run
@@ -148,7 +148,7 @@ class WorldOptions(NamedTuple):
     local: bool
     remove_board: bool
     recording: Path | None
-    forks: bool
+    in_parts: bool  # started again where an earlier run ended, or as it began
     ros: RosOptions | None
 
 
@@ -189,7 +189,7 @@ def open_world(
             environment: Environment = live(wb, clock)
         else:
             environment = stack.enter_context(
-                recorded(options.recording, wb, plan, clock, live, forks=options.forks)
+                recorded(options.recording, wb, plan, clock, live, in_parts=options.in_parts)
             )
         if wb is not None and options.remove_board:
             removal.callback(wb.remove)
