@@ -30,6 +30,7 @@ from llfsm.whiteboard.mirror.batches import VERSION
 from llfsm.whiteboard.mirror.groups import EVERY_GROUP
 from llfsm.whiteboard.mirror.keys import Keys, asked_in, board_in, host_in, sender_in, version_in
 from llfsm.whiteboard.mirror.peers import EVERY_HOST, Packet, Query
+from llfsm.whiteboard.mirror.reconnecting import Reconnector
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.zenoh_config import (
     LEASE_MS,
@@ -131,6 +132,12 @@ class Network:
             "congestion_control": zenoh.CongestionControl.DROP,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
+        connects = endpoints(config, "connect")
+        self._reconnector = (
+            None
+            if is_client
+            else Reconnector(lambda: configure(settings, self.mode), self.listens, connects)
+        )
         self._hello = self._session.declare_publisher(self._keys.hello, **self._outgoing)
         self.hosts = HostTokens(self._session.liveliness(), self._keys, settings)
         """The names of hosts, this one's among them."""
@@ -325,6 +332,10 @@ class Network:
             if self._access and name not in self._access:
                 self._receiver.refuse("a connection", f"`access` does not list {name!r}")
             self._receiver.receive_link(event.link.zid in self._session.info.routers_zid())
+            if self._reconnector is not None:
+                self._reconnector.add(event.link)
+        elif self._reconnector is not None:
+            self._reconnector.remove(event.link)
 
     def close(self) -> None:
         """Leave the network; nothing is received any more.
@@ -333,6 +344,8 @@ class Network:
         """
         for declared in (*self._declared, *self._subscribers.values()):
             declared.undeclare()
+        if self._reconnector is not None:
+            self._reconnector.close()
         self.hosts.close()
         self._queries.close()
         for thread in self._threads:

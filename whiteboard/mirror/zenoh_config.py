@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 # pauses.)
 LEASE_MS = 1500
 
-_OPEN_MS = 500
+_OPEN_MS = 2000  # three round trips of a link with 200 ms one way, and a lost packet
 
 # Who connects must give up first: if the other side does, while its last answer is on its way, who
 # connects takes for open what nobody reads, and never tries again (Zenoh 1.10).
-_ACCEPT_MS = 4 * _OPEN_MS
+_ACCEPT_MS = 2 * _OPEN_MS
 
 _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
 _ATTEMPT_MS = 1000  # at least, of a client to connect

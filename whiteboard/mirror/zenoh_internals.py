@@ -106,7 +106,7 @@ def limit_link(link: zenoh.Link, timeout_ms: int) -> bool:
     its ports: Zenoh has no setting for this, and does not give access to its sockets. Return False
     if the socket was not found. Does nothing except on Linux.
     """
-    here, there = _port(link.src), _port(link.dst)
+    here, there = port_of(link.src), port_of(link.dst)
     found = False
     for each in _own_sockets():
         with suppress(OSError):  # not connected
@@ -143,8 +143,10 @@ def _own_sockets() -> Iterator[socket.socket]:
                     yield found
 
 
-def _port(locator: str) -> int:
-    return int(locator.partition("?")[0].rpartition(":")[2])
+def port_of(locator: str) -> int:
+    """Return the port in a locator; 0 if it has none, as that of a path."""
+    port = locator.partition("?")[0].partition("#")[0].rpartition(":")[2]
+    return int(port) if port.isdecimal() else 0
 
 
 # ---- Log ------------------------------------------------------------------------------------

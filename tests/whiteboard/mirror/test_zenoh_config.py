@@ -46,7 +46,7 @@ def test_what_the_file_says_counts(file: Path) -> None:
     assert configured(settings, "mode") == "router"
     assert configured(settings, "scouting/multicast/enabled") is True
     assert configured(settings, "transport/unicast/open_timeout") == 7000
-    assert configured(settings, "transport/unicast/accept_timeout") == 2000
+    assert configured(settings, "transport/unicast/accept_timeout") == 4000
     assert configured(settings, "transport/shared_memory/enabled") is False
     assert configured(settings, "mode", "client") == "client"
 
