@@ -28,7 +28,7 @@ from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
-from llfsm.whiteboard.liveness import identity, is_local, lives
+from llfsm.whiteboard.liveness import host_name, identity, is_local, lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -36,10 +36,13 @@ from llfsm.whiteboard.messages.llfsm import (
     Bell,
     LastWill,
     MirrorStatus,
+    WillExecution,
+    execution_slot,
     status_slot,
     will_slot,
 )
 from llfsm.whiteboard.mirror.naming import Naming
+from llfsm.whiteboard.mirror.stand_ins import note_stand_in, noted_machines, strike_out
 from llfsm.whiteboard.shared import require_shared_memory
 
 if TYPE_CHECKING:
@@ -59,6 +62,8 @@ class _Death(NamedTuple):
     why: str
     silent_ns: int = 0
     """For how long it must have been silent; 0 if it does not exist."""
+    here_only: bool = False
+    """Whether other hosts may still hear it, so that this one acts on its own board alone."""
 
 
 class _Process:
@@ -98,6 +103,11 @@ class _Watched:
         """The will, while there is something to execute."""
         return None if self.sample is None else self.sample.message
 
+    @property
+    def is_elsewhere(self) -> bool:
+        """True if a daemon has added the will: its machine runs on another host's board."""
+        return self.sample is not None and self.sample.writer != self.sample.message.pid
+
 
 class Guard:
     """Watch the last wills on a board, and execute those of processes that have died."""
@@ -123,6 +133,7 @@ class Guard:
             self._rung, self._list_s = rung, now_s + _LIST_S
             self._list()
             self._own.look()
+            self._strike_out()
         for process in self._processes.values():
             process.look()
         for watched in self._watched.values():
@@ -154,6 +165,17 @@ class Guard:
                 machine = name.removeprefix(WILLS)
                 with suppress(SlotError):  # not a will, whatever its name
                     self._watched[name] = _Watched(machine, self._board[will_slot(machine)])
+
+    def _strike_out(self) -> None:
+        """Let what stands in for a machine that is heard again give way to its own messages."""
+        limit_ns, heard = self._mirror().partition_s * 1e9, set()
+        for machine in noted_machines(self._board):
+            with suppress(WhiteboardError):
+                status = self._board[status_slot(machine)].sample()
+                if status is not None and time.monotonic_ns() - status.stamp_ns < limit_ns:
+                    heard.add(machine)
+        if heard:
+            strike_out(self._board, heard)
 
     def _read(self, watched: _Watched) -> None:
         """Read the will, and watch its process if it is a new one."""
@@ -210,10 +232,13 @@ class Guard:
         local = watched.process is not None
         limit_s = will.silent_ms / 1e3 if local else self._mirror().partition_s
         silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0
+        if watched.sample is not None and watched.is_elsewhere:  # a sign of life, too
+            silent_s = min(silent_s, (time.monotonic_ns() - watched.sample.stamp_ns) / 1e9)
         if silent_s <= limit_s or not silent_s:
             return None
         host = "" if local else f"of host {will.host} "
-        return _Death(f"{host}was silent for {silent_s:.1f} s", int(limit_s * 1e9))
+        why = f"{host}was silent for {silent_s:.1f} s"
+        return _Death(why, int(limit_s * 1e9), here_only=watched.is_elsewhere)
 
     def _mirror(self) -> MirrorStatus:
         """Return the status of the daemon, with its configuration; defaults without a daemon."""
@@ -241,7 +266,11 @@ class Guard:
             return
         here = sample._replace(message=self._here(watched, sample.message))
         outcome = execute(
-            self._board, here, silent_ns=death.silent_ns, is_commanded=self._is_commanded
+            self._board,
+            here,
+            silent_ns=death.silent_ns,
+            is_commanded=self._is_commanded,
+            stands_in_for=watched.machine if death.here_only else "",
         )
         what = f"{watched.machine}: process {sample.message.pid} {death.why}"
         if outcome.posted:
@@ -255,7 +284,17 @@ class Guard:
             return
         executed = msgspec.structs.replace(sample.message, state="executed", executor=os.getpid())
         with suppress(WhiteboardError):  # it was executed all the same
+            if death.here_only:
+                mark = sample.count + 1
+                note_stand_in(self._board, watched.slot_name, mark, watched.machine)
+                self._report(watched.machine, sample.message)
             watched.slot.add_after(executed, sample.count)
+
+    def _report(self, machine: str, will: LastWill) -> None:
+        """Report to a machine's process that its last will is executed on this host."""
+        machine_process = will.pid, will.born, will.host, will.namespace
+        report = WillExecution(*machine_process, os.getpid(), host_name())
+        self._board.add_message(execution_slot(machine), report)
 
     def _is_commanded(self, slot: str) -> bool:
         """Check that a process that lives has a last will for the slot, so may post to it."""

@@ -27,7 +27,16 @@ from llfsm.whiteboard.errors import (
     WhiteboardError,
 )
 from llfsm.whiteboard.liveness import identity, is_alive, this_process, writer_lives
-from llfsm.whiteboard.messages.llfsm import MIRROR, WILL_BELL, Bell, LastWill, SafeValue, will_slot
+from llfsm.whiteboard.messages.llfsm import (
+    MIRROR,
+    WILL_BELL,
+    Bell,
+    LastWill,
+    SafeValue,
+    execution_slot,
+    will_slot,
+)
+from llfsm.whiteboard.mirror.stand_ins import note_stand_in
 from llfsm.whiteboard.slots import Sample
 
 if TYPE_CHECKING:
@@ -43,12 +52,16 @@ class Will:
         self._board = board
         self._machine = machine
         self._slot = board[will_slot(machine)]
+        self._executions = None
+        with suppress(BoardFullError):
+            self._executions = board[execution_slot(machine)]
         self._will = LastWill(
             *this_process(),
             tuple(SafeValue(slot.name, slot.encoder.encode(message)) for slot, message in values),
             silent_ms,
         )
         self._count = 0
+        self._reported = 0 if self._executions is None else self._executions.count
 
     def leave(self) -> None:
         """Post it. A dead predecessor's, which this replaces, is executed before."""
@@ -65,6 +78,7 @@ class Will:
 
     def keep(self) -> None:
         """Leave it again if a guard has executed it, because this process seemed dead."""
+        self._report_executions()
         if not self._count or self._slot.count == self._count:
             return
         sample = self._slot.sample()
@@ -82,11 +96,28 @@ class Will:
             )
         self.leave()
 
+    def _report_executions(self) -> None:
+        """Log that a guard of another host has executed it there."""
+        if self._executions is None or self._executions.count == self._reported:
+            return
+        self._reported = self._executions.count
+        with suppress(MessageError):
+            report = self._executions.get()
+            if report is not None and identity(report) == identity(self._will):
+                logger().warning(
+                    "the last will of %s was executed by process %d of host %s, as nothing of "
+                    "this process arrived there; it goes on",
+                    self._machine,
+                    report.executor,
+                    report.executor_host,
+                )
+
     def withdraw(self) -> None:
         """Post that there is nothing to execute, and give up the name."""
         withdrawn = msgspec.structs.replace(self._will, values=(), state="withdrawn")
         if self._count and self._slot.add_after(withdrawn, self._count):
             self._board.vacate(will_slot(self._machine))
+        self._board.vacate(execution_slot(self._machine))
 
 
 class Executed(NamedTuple):
@@ -105,17 +136,19 @@ def execute(
     *,
     silent_ns: int = 0,
     is_commanded: Callable[[str], bool] = lambda _: False,
+    stands_in_for: str = "",
 ) -> Executed:
     """Post a will's safe values where the latest message is of the process that left it.
 
     If that process is only silent, not dead, its messages must be `silent_ns` old: a newer one is
     a sign of life. For a process of another host, whose messages the daemon adds like all others
-    from there, `is_commanded` returns whether another process that lives commands a slot.
+    from there, `is_commanded` returns whether another process that lives commands a slot. What is
+    posted for a machine that other hosts may still hear `stands_in_for` it, here only.
     """
     outcome = Executed([], [], {})
     for value in sample.message.values:
         try:
-            posted = _post(board, sample, value, silent_ns, is_commanded)
+            posted = _post(board, sample, value, silent_ns, is_commanded, stands_in_for)
             if posted is None:
                 outcome.deferred.append(value.slot)
             elif posted:
@@ -145,6 +178,7 @@ def _post(
     value: SafeValue,
     silent_ns: int,
     is_commanded: Callable[[str], bool],
+    stands_in_for: str,
 ) -> bool | None:
     """Post a safe value; return None if the latest message is too new, False if it must not be."""
     slot = board.find(value.slot)
@@ -161,6 +195,8 @@ def _post(
             return False
         if time.monotonic_ns() - latest.stamp_ns < silent_ns:
             return None
+        if stands_in_for:
+            note_stand_in(board, value.slot, latest.count + 1, stands_in_for)
         if bound.add_after(message, latest.count):
             return True
 

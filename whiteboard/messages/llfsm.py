@@ -322,10 +322,45 @@ WILL_BELL = Slot("llfsm/wills", Bell)
 """Notifies guards that a machine has left a last will."""
 
 
+class StandIn(Message):
+    """The message number `count` of a slot: it stands in for one of a machine of another host."""
+
+    slot: str
+    count: int
+    machine: str
+
+
+class StandIns(Message):
+    """The messages that guards have posted for machines of hosts from which nothing arrives."""
+
+    noted: tuple[StandIn, ...] = ()
+
+
+STAND_INS = Slot("llfsm/stand_ins", StandIns, capacity=64 << 10)
+"""The stand-ins of this board, for its daemon: they do not leave."""
+
+
+class WillExecution(Message):
+    """The report of a guard that has executed a last will on the board of its host alone.
+
+    The machine's process is the one of the will, as in `LastWill`. The guard is process `executor`
+    of host `executor_host`.
+    """
+
+    pid: int
+    born: int
+    host: str
+    namespace: int
+    executor: int
+    executor_host: str
+
+
 commanders_slot = _slots(COMMANDERS, Commanders, 4 << 10)
 """The slot for the machines that post to a slot."""
 will_slot = _slots(WILLS, LastWill, 8 << 10)
 """The slot for a machine's last will."""
+execution_slot = _slots("llfsm/executed/", WillExecution, 1 << 10)
+"""The slot in which guards of other hosts report that they have executed a machine's last will."""
 
 # ---- Recording ------------------------------------------------------------------------------
 

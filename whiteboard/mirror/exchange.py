@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from llfsm.whiteboard.messages.llfsm import MirrorStatus
+from llfsm.whiteboard.messages.llfsm import STAND_INS, MirrorStatus
 from llfsm.whiteboard.mirror.arrivals import Arrivals, Route, Routes
 from llfsm.whiteboard.mirror.batches import (
     Batch,
@@ -141,6 +141,9 @@ class Exchange:
         """Record which slots have changed: any of `slots`, and those of which there is news."""
         changed, routes, news = self._changed, self._routes, self.store.news
         for name in slots:
+            if name == STAND_INS.name:
+                given_way = [routes.usable(slot) for slot in self.store.give_way()]
+                self.interest.ask(route.group for route in given_way if route is not None)
             route = routes.offered_by(name)
             if route is not None and route.leaves and route.cell.has_news():
                 changed[name] = route
@@ -273,6 +276,7 @@ class Exchange:
                 for _, route in routes
                 if route.leaves
                 and (version := store.version(route.cell)) is not None
+                and not store.stands_in(route.cell)
                 and (route.wire not in known or version > known[route.wire])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]

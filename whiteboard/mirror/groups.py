@@ -16,6 +16,7 @@ connection to a router, and once a minute, as routers may have lost and found ea
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 from hashlib import blake2b
 
@@ -62,6 +63,10 @@ class Interest:
         """
         if to_router or not self._is_eager:
             self._asked |= self.groups
+
+    def ask(self, groups: Iterable[str]) -> None:
+        """Have all hosts asked for these groups."""
+        self._asked |= set(groups)
 
     def take(self, now_ns: int) -> list[str]:
         """Return the groups for which to ask all hosts now, once."""

@@ -15,7 +15,15 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from llfsm.whiteboard.messages.llfsm import BELL, HOSTS, JOURNALS, MIRROR, RECORDER, WILL_BELL
+from llfsm.whiteboard.messages.llfsm import (
+    BELL,
+    HOSTS,
+    JOURNALS,
+    MIRROR,
+    RECORDER,
+    STAND_INS,
+    WILL_BELL,
+)
 from llfsm.whiteboard.mirror.naming import require_host_name
 from llfsm.whiteboard.slot_names import is_own
 
@@ -131,7 +139,8 @@ def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
     Slots about the board itself, or for a recorder on this host, never match.
     """
     pattern = re.compile("|".join(map(translate, globs)) or r"(?!)")
-    private = {BELL.name, HOSTS.name, MIRROR.name, RECORDER.name, WILL_BELL.name}
+    slots = (BELL, HOSTS, MIRROR, RECORDER, STAND_INS, WILL_BELL)
+    private = {slot.name for slot in slots}
 
     @lru_cache(maxsize=8192)
     def matches(slot: str) -> bool:

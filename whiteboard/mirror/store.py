@@ -47,6 +47,7 @@ from llfsm.whiteboard.errors import (
 from llfsm.whiteboard.message import Message, type_from_schema
 from llfsm.whiteboard.mirror.batches import Declaration, Value, Version, succeed
 from llfsm.whiteboard.mirror.quotas import Refused
+from llfsm.whiteboard.mirror.stand_ins import stand_ins, version_below
 from llfsm.whiteboard.schema import differences
 from llfsm.whiteboard.slots import Slot
 
@@ -97,6 +98,8 @@ class Store:
         self.lock = threading.Lock()
         self.news: dict[str, None] = {}
         """Slots in which a message of this host was found, in that order; cleared by the caller."""
+        self.standing_in: dict[str, Cell] = {}
+        """The slots whose latest message stands in for one of another host, until that is heard."""
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
         self._pending: list[tuple[str, int, int, Version]] = []
@@ -149,6 +152,8 @@ class Store:
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
         """Return the version of message number `count`; assign one if it has no credible one."""
         before, known, name = cell.version, None, cell.slot.name
+        if count != cell.count:
+            self.standing_in.pop(name, None)
         if before is None:
             known, before = self.versions.recall(name, count, writer)
             known = known if self._is_credible(known) else None
@@ -158,12 +163,38 @@ class Store:
             wall_ns = self.wall_ns(stamp_ns)
             if before is not None and before.time >= wall_ns and not self._is_credible(before):
                 before = None
-            known = succeed(before, wall_ns, self.host)
+            if before and before.host != self.host and (name, count) in stand_ins(self.board):
+                known = before
+            else:
+                known = succeed(before, wall_ns, self.host)
+        if known.host != self.host and (name, count) in stand_ins(self.board):
+            self.standing_in[name] = cell
         self._pending.append((name, count, writer, known))
         cell.version, cell.count = known, count
         if known.host == self.host:
             self.news[name] = None
         return known
+
+    def stands_in(self, cell: Cell) -> bool:
+        """Check that a slot's latest message stands in for one of another host."""
+        name = cell.slot.name
+        if name in self.standing_in and cell.has_news():
+            self.version(cell)
+        return name in self.standing_in
+
+    def give_way(self) -> list[str]:
+        """Let stand-ins that are not noted any more be older than what they replaced.
+
+        Return their slots.
+        """
+        noted, found = stand_ins(self.board), []
+        for name, cell in list(self.standing_in.items()):
+            version = self.version(cell)
+            if name in self.standing_in and (name, cell.count) not in noted and version is not None:
+                cell.version = version_below(version)
+                del self.standing_in[name]
+                found.append(name)
+        return found
 
     def note(self) -> None:
         """Store the versions assigned here, for the next daemon.
@@ -227,6 +258,7 @@ class Store:
             count = cell.bound.add_after(message, cell.count)
             if count:
                 cell.count, cell.version = count, version
+                self.standing_in.pop(value.slot, None)
                 return Outcome.ENTERED
 
     def _decode(self, cell: Cell, payload: bytes) -> Message:
