@@ -2,9 +2,20 @@
 
 Four re-create the example machines of clfsm, odd spellings included. The others are case studies of
 what ``llfsm verify`` proves; their properties are in `llfsm.machines.properties`. `Sequence` and
-the like make machines of machines.
+the like make machines of machines. `EmergencyStop` and its neighbours are what most robots need.
 """
 
+from llfsm.machines.behaviours import (
+    BatteryWatch,
+    CollisionStop,
+    CommandArbiter,
+    EmergencyStop,
+    HeartbeatWatch,
+    Ramp,
+    ScanCollisionStop,
+    SpeedLimit,
+    StuckWatch,
+)
 from llfsm.machines.blind_turtle import RosBlindTurttleBot
 from llfsm.machines.combinators import (
     Cooldown,
@@ -27,9 +38,14 @@ from llfsm.machines.suspend_resume import TurtleSuspendResume
 from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
+    "BatteryWatch",
+    "CollisionStop",
+    "CommandArbiter",
     "Cooldown",
+    "EmergencyStop",
     "Fallback",
     "GridTurtle",
+    "HeartbeatWatch",
     "InfusionAlarm",
     "InfusionPump",
     "MineAlarm",
@@ -42,13 +58,17 @@ __all__ = [
     "Parallel",
     "PressHands",
     "PressRam",
+    "Ramp",
     "Repeat",
     "Retry",
     "RosBlindTurttleBot",
     "RosPingPong",
     "RosWallTurttleBot",
     "SafeOvenCooker",
+    "ScanCollisionStop",
     "Sequence",
+    "SpeedLimit",
+    "StuckWatch",
     "Timeout",
     "TookTooLongError",
     "TurtleSuspendResume",

@@ -23,7 +23,10 @@ from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer
 
 SHIPPED = [
-    each for each in llfsm.machines.__all__ if isinstance(vars(llfsm.machines)[each], MachineType)
+    each
+    for each in llfsm.machines.__all__
+    if isinstance(vars(llfsm.machines)[each], MachineType)
+    and each not in llfsm.machines.behaviours.__all__
 ]
 FOLDER = Path(llfsm.machines.__file__).parent
 EXPRESSIONS = {  # of the guards that the classes have given names

@@ -334,8 +334,12 @@ class Network:
             self._receiver.receive_link(event.link.zid in self._session.info.routers_zid())
             if self._reconnector is not None:
                 self._reconnector.add(event.link)
-        elif self._reconnector is not None:
+        # Of the two links that two hosts may have made at once, only one is reported to break.
+        elif self._reconnector is not None and not self._has_link(event.link.zid):
             self._reconnector.remove(event.link)
+
+    def _has_link(self, zid: zenoh.ZenohId) -> bool:
+        return any(each.zid == zid for each in self._session.info.links())
 
     def close(self) -> None:
         """Leave the network; nothing is received any more.

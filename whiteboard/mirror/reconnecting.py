@@ -62,8 +62,7 @@ class Reconnector:
         self._own = [_reached_here(endpoint) for endpoint in listens]
         self._ports = {port_of(endpoint) for endpoint in self._own}
         self._configured = {_plain(endpoint) for endpoint in connects}
-        self._links: dict[str, set[tuple[str, str]]] = {}  # by the ids of sessions
-        self._endpoints: dict[str, str] = {}
+        self._endpoints: dict[str, str] = {}  # by the ids of sessions
         self._lost: dict[str, _Lost] = {}
         self._closed = False
         self._changed = Condition()
@@ -73,7 +72,6 @@ class Reconnector:
         """Note a link that was made."""
         zid, ends = str(link.zid), (str(link.src), str(link.dst))
         with self._changed:
-            self._links.setdefault(zid, set()).add(ends)
             if port_of(ends[0]) not in self._ports:  # else the other one has connected
                 self._endpoints[zid] = _plain(ends[1])
             lost = self._lost.pop(zid, None)
@@ -88,16 +86,11 @@ class Reconnector:
             )
 
     def remove(self, link: zenoh.Link) -> None:
-        """Note a link that broke; make it again if nobody else does."""
+        """Note that the last link with a host broke; make it again if nobody else does."""
         zid, now_s = str(link.zid), time.monotonic()
         with self._changed:
-            links = self._links.get(zid, set())
-            links.discard((str(link.src), str(link.dst)))
-            if links or self._closed:
-                return
-            self._links.pop(zid, None)
             endpoint = self._endpoints.pop(zid, None)
-            if endpoint is None or endpoint in self._configured or not self._own:
+            if endpoint is None or endpoint in self._configured or not self._own or self._closed:
                 return
             self._lost[zid] = _Lost(endpoint, now_s)
             if len(self._lost) > _MAX_LOST:
