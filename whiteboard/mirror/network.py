@@ -136,7 +136,9 @@ class Network:
         self._reconnector = (
             None
             if is_client
-            else Reconnector(lambda: configure(settings, self.mode), self.listens, connects)
+            else Reconnector(
+                lambda: configure(settings, self.mode), self.listens, connects, self._linked
+            )
         )
         self._hello = self._session.declare_publisher(self._keys.hello, **self._outgoing)
         self.hosts = HostTokens(self._session.liveliness(), self._keys, settings)
@@ -331,15 +333,14 @@ class Network:
             name = event.link.auth_identifier
             if self._access and name not in self._access:
                 self._receiver.refuse("a connection", f"`access` does not list {name!r}")
-            self._receiver.receive_link(event.link.zid in self._session.info.routers_zid())
             if self._reconnector is not None:
                 self._reconnector.add(event.link)
-        # Of the two links that two hosts may have made at once, only one is reported to break.
-        elif self._reconnector is not None and not self._has_link(event.link.zid):
+            self._receiver.receive_link(event.link.zid in self._session.info.routers_zid())
+        elif self._reconnector is not None:
             self._reconnector.remove(event.link)
 
-    def _has_link(self, zid: zenoh.ZenohId) -> bool:
-        return any(each.zid == zid for each in self._session.info.links())
+    def _linked(self) -> set[str]:
+        return {str(each.zid) for each in self._session.info.links()}
 
     def close(self) -> None:
         """Leave the network; nothing is received any more.

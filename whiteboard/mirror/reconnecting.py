@@ -27,6 +27,7 @@ from llfsm.whiteboard.mirror.zenoh_internals import port_of
 if TYPE_CHECKING:
     import zenoh
 
+_SETTLE_S = 0.1  # after which a session's links are those that it still has
 _INTERVAL_S = 1.0
 _PROBE_S = 1.0
 _INTRODUCTION_S = 2.0
@@ -44,6 +45,8 @@ class _Lost:
 
     endpoint: str
     since_s: float
+    is_sure: bool = False
+    """False until its session is known to have no other link."""
     refused_s: float | None = None  # since when it refuses connections
     due_s: float = 0.0
     pause_s: float = field(default=_INTERVAL_S)  # after the next introduction
@@ -53,12 +56,18 @@ class Reconnector:
     """Makes the links of a session again that its configuration does not.
 
     `copy` makes a configuration like the session's; `listens` and `connects` are its endpoints.
+    `linked` returns the ids of the sessions with which it has a link.
     """
 
     def __init__(
-        self, copy: Callable[[], zenoh.Config], listens: Iterable[str], connects: Iterable[str]
+        self,
+        copy: Callable[[], zenoh.Config],
+        listens: Iterable[str],
+        connects: Iterable[str],
+        linked: Callable[[], set[str]],
     ):
         self._copy = copy
+        self._linked = linked
         self._own = [_reached_here(endpoint) for endpoint in listens]
         self._ports = {port_of(endpoint) for endpoint in self._own}
         self._configured = {_plain(endpoint) for endpoint in connects}
@@ -72,13 +81,14 @@ class Reconnector:
         """Note a link that was made."""
         zid, ends = str(link.zid), (str(link.src), str(link.dst))
         with self._changed:
-            if port_of(ends[0]) not in self._ports:  # else the other one has connected
+            has_connected = port_of(ends[0]) not in self._ports  # else the other one has
+            if has_connected and _plain(ends[1]) not in self._configured:
                 self._endpoints[zid] = _plain(ends[1])
             lost = self._lost.pop(zid, None)
             for other in [o for o, its in self._lost.items() if its.endpoint == _plain(ends[1])]:
-                del self._lost[other]  # it has started again
+                del self._lost[other], self._endpoints[other]  # it has started again
             self._changed.notify()
-        if lost is not None:
+        if lost is not None and lost.is_sure:
             _log.warning(
                 "connected again to %s, after %.1f s",
                 lost.endpoint,
@@ -86,20 +96,19 @@ class Reconnector:
             )
 
     def remove(self, link: zenoh.Link) -> None:
-        """Note that the last link with a host broke; make it again if nobody else does."""
+        """Note a link that broke; make it again if it was the last one, and nobody else does."""
         zid, now_s = str(link.zid), time.monotonic()
         with self._changed:
-            endpoint = self._endpoints.pop(zid, None)
-            if endpoint is None or endpoint in self._configured or not self._own or self._closed:
+            endpoint = self._endpoints.get(zid)
+            if zid in self._lost or endpoint is None or not self._own or self._closed:
                 return
-            self._lost[zid] = _Lost(endpoint, now_s)
+            self._lost[zid] = _Lost(endpoint, now_s, due_s=now_s + _SETTLE_S)
             if len(self._lost) > _MAX_LOST:
-                del self._lost[next(iter(self._lost))]
+                del self._endpoints[first := next(iter(self._lost))], self._lost[first]
             if self._thread is None:
                 self._thread = Thread(target=self._run, name="mirror reconnect", daemon=True)
                 self._thread.start()
             self._changed.notify()
-        _log.warning("lost the connection to %s; trying to make it again", endpoint)
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -116,7 +125,7 @@ class Reconnector:
 
     def _run(self) -> None:
         while (due := self._wait()) is not None:
-            listening = self._probe(due)
+            listening = self._probe(self._without_link(due))
             if listening:
                 self._introduce(listening)
 
@@ -131,6 +140,19 @@ class Reconnector:
                 next_s = min((lost.due_s for lost in self._lost.values()), default=None)
                 self._changed.wait(None if next_s is None else next_s - now_s)
         return None
+
+    def _without_link(self, due: dict[str, _Lost]) -> dict[str, _Lost]:
+        """Leave out the hosts with which there is another link, and log what is lost."""
+        linked = self._linked()
+        with self._changed:
+            for zid in due.keys() & linked:
+                self._lost.pop(zid, None)
+            left = {zid: lost for zid, lost in due.items() if zid in self._lost}
+        for lost in left.values():
+            if not lost.is_sure:
+                lost.is_sure = True
+                _log.warning("lost the connection to %s; trying to make it again", lost.endpoint)
+        return left
 
     def _probe(self, due: dict[str, _Lost]) -> dict[str, _Lost]:
         """Find out which of the hosts that are due listen, and forget those that have ended."""
@@ -150,6 +172,7 @@ class Reconnector:
                     lost.refused_s = now_s
                 elif now_s - lost.refused_s > _ENDED_S:
                     self._lost.pop(zid, None)
+                    self._endpoints.pop(zid, None)
             return {zid: lost for zid, lost in due.items() if found[zid] and zid in self._lost}
 
     def _introduce(self, hosts: dict[str, _Lost]) -> None:

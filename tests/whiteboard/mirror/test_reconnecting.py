@@ -6,6 +6,7 @@ import signal
 import socket
 from collections.abc import Iterator
 from contextlib import closing
+from math import inf
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,8 +41,15 @@ def each_hears_all(hosts: list[Host], value: int) -> None:
 
 
 def stop_until_it_is_lost(host: Host, by: Host) -> None:
+    own = host.status()["host"]
+
+    def silent_s() -> float:
+        peers = [each["silent_s"] for each in by.status()["peers"] if each["host"] == own]
+        return max(peers, default=inf)
+
+    wait_for(lambda: silent_s() < LOST_S)
     host.send(signal.SIGSTOP)
-    wait_for(lambda: any(each["silent_s"] > LOST_S for each in by.status()["peers"]))
+    wait_for(lambda: silent_s() > LOST_S)
     host.send(signal.SIGCONT)
 
 
@@ -85,7 +93,7 @@ def test_hosts_with_certificates_meet_again(make_host: MakeHost, certify: Certif
 def reconnector() -> Iterator[Reconnector]:
     configured = ("tcp/192.0.2.9:7000?rel=1",)
     copy = lambda: configure(Settings(), "peer")  # noqa: E731
-    with closing(Reconnector(copy, (OWN,), configured)) as made:
+    with closing(Reconnector(copy, (OWN,), configured, set)) as made:
         yield made
 
 
@@ -149,7 +157,7 @@ def test_nothing_is_tried_at_a_host_that_refuses_connections() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
         listening.settimeout(10)
-        with closing(Reconnector(copy, (OWN,), ())) as reconnector:
+        with closing(Reconnector(copy, (OWN,), (), set)) as reconnector:
             refuses = link("a", dst=free_endpoint())
             reconnector.add(refuses)
             reconnector.remove(refuses)
