@@ -6,11 +6,26 @@ goes from slot to slot: a behaviour reads ``cmd_vel/input`` and posts ``cmd_vel`
 or dies leaves the robot at rest. Their properties are in `llfsm.machines.properties.behaviours`.
 """
 
-from llfsm.machines.behaviours.arbiter import CommandArbiter
-from llfsm.machines.behaviours.collision_stop import CollisionStop, ScanCollisionStop
-from llfsm.machines.behaviours.emergency_stop import EmergencyStop
-from llfsm.machines.behaviours.speed import Ramp, SpeedLimit
-from llfsm.machines.behaviours.watches import (
+from llfsm.machines.behaviours._arbiter import CommandArbiter
+from llfsm.machines.behaviours._collision_stop import RANGE, SCAN, CollisionStop, ScanCollisionStop
+from llfsm.machines.behaviours._emergency_stop import BUTTON, RESET, EmergencyStop
+from llfsm.machines.behaviours._slots import (
+    AUTONOMY,
+    BOOLS,
+    CMD_VEL,
+    EMERGENCY,
+    INPUT,
+    REST,
+    TELEOP,
+)
+from llfsm.machines.behaviours._speed import Ramp, SpeedLimit
+from llfsm.machines.behaviours._watches import (
+    ALIVE,
+    BATTERY,
+    HEARTBEAT,
+    LEVEL,
+    STUCK,
+    VELOCITY,
     BatteryLevel,
     BatteryWatch,
     HeartbeatWatch,
@@ -19,6 +34,23 @@ from llfsm.machines.behaviours.watches import (
 )
 
 __all__ = [
+    "ALIVE",
+    "AUTONOMY",
+    "BATTERY",
+    "BOOLS",
+    "BUTTON",
+    "CMD_VEL",
+    "EMERGENCY",
+    "HEARTBEAT",
+    "INPUT",
+    "LEVEL",
+    "RANGE",
+    "RESET",
+    "REST",
+    "SCAN",
+    "STUCK",
+    "TELEOP",
+    "VELOCITY",
     "BatteryLevel",
     "BatteryWatch",
     "CollisionStop",

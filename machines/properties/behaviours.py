@@ -4,6 +4,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from llfsm.machines.behaviours import (
+    AUTONOMY,
+    BATTERY,
+    CMD_VEL,
+    EMERGENCY,
+    HEARTBEAT,
+    INPUT,
+    RANGE,
+    REST,
+    TELEOP,
+    VELOCITY,
     BatteryWatch,
     CollisionStop,
     CommandArbiter,
@@ -13,9 +23,6 @@ from llfsm.machines.behaviours import (
     SpeedLimit,
     StuckWatch,
 )
-from llfsm.machines.behaviours.collision_stop import RANGE
-from llfsm.machines.behaviours.slots import AUTONOMY, CMD_VEL, EMERGENCY, INPUT, REST, TELEOP
-from llfsm.machines.behaviours.watches import BATTERY, HEARTBEAT, VELOCITY
 from llfsm.runtime.verification import never, reachable, step
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.sensor_msgs import BatteryState, Range

@@ -13,6 +13,21 @@ from hypothesis import strategies as st
 import llfsm.machines
 from llfsm.machines import behaviours
 from llfsm.machines.behaviours import (
+    AUTONOMY,
+    BATTERY,
+    BOOLS,
+    BUTTON,
+    CMD_VEL,
+    EMERGENCY,
+    INPUT,
+    LEVEL,
+    RANGE,
+    RESET,
+    REST,
+    SCAN,
+    STUCK,
+    TELEOP,
+    VELOCITY,
     BatteryWatch,
     CollisionStop,
     CommandArbiter,
@@ -23,18 +38,6 @@ from llfsm.machines.behaviours import (
     SpeedLimit,
     StuckWatch,
 )
-from llfsm.machines.behaviours.collision_stop import RANGE, SCAN
-from llfsm.machines.behaviours.emergency_stop import BUTTON, RESET
-from llfsm.machines.behaviours.slots import (
-    AUTONOMY,
-    BOOLS,
-    CMD_VEL,
-    EMERGENCY,
-    INPUT,
-    REST,
-    TELEOP,
-)
-from llfsm.machines.behaviours.watches import BATTERY, LEVEL, STUCK, VELOCITY
 from llfsm.machines.properties import behaviours as proved
 from llfsm.runtime import Arrangement, Machine, ManualClock
 from llfsm.runtime.engine.machine import MachineType
@@ -97,7 +100,7 @@ class Simulated:
         for _ in range(round(ms / PERIOD_MS)):
             for name, message in messages.items():
                 self.board.add_message(SLOTS[name], message)
-            self.arrangement.kernel.round()
+            self.arrangement.round()
             self.clock.advance(ms=PERIOD_MS)
 
     @property

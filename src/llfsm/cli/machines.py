@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Environment
 
 _HERE = (Path(),)
+_MOST_NAMED = 8  # machines that ship, in an error
 _PYTHON = ".py"
 _PLAN = ".toml"
 _NOT_THEIRS = (*llfsm.__path__, "<frozen ", importlib.__file__)
@@ -184,8 +185,10 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
         return click.UsageError(f"{name} is an arrangement file, not a machine: name one of its")
     of_modules = [f"{found.stem}:{name}" for found in modules if _has_class(found, name)]
     near = f"; did you mean {of_modules[0]!r}?" if of_modules else ""
+    first = ", ".join(shipped[:_MOST_NAMED])
+    more = len(shipped) - _MOST_NAMED
     return click.UsageError(
-        f"no machine {name!r}; those that ship: {', '.join(shipped)};\n"
+        f"no machine {name!r}; those that ship: {first} and {more} more in llfsm.machines;\n"
         f"your own: a module, as path/to/module.py:Class, or a bundle, as path/to/Name{SUFFIX}"
         f"{near or did_you_mean(name, {*shipped, *known, *plans})}"
     )

@@ -3,26 +3,12 @@
 from enum import Enum
 from math import hypot, isnan
 
-from llfsm.machines.behaviours.slots import CMD_VEL, REST
+from llfsm.machines.behaviours._slots import CMD_VEL, REST
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.sensor_msgs import BatteryState
 from llfsm.whiteboard.messages.std_msgs import Bool
-
-__all__ = [
-    "ALIVE",
-    "BATTERY",
-    "HEARTBEAT",
-    "LEVEL",
-    "STUCK",
-    "VELOCITY",
-    "BatteryLevel",
-    "BatteryWatch",
-    "HeartbeatWatch",
-    "Level",
-    "StuckWatch",
-]
 
 
 class Level(Enum):

@@ -1,10 +1,8 @@
 """One of several sources of velocity, by priority and freshness, as ``twist_mux`` chooses."""
 
-from llfsm.machines.behaviours.slots import AUTONOMY, BOOLS, CMD_VEL, EMERGENCY, REST, TELEOP
+from llfsm.machines.behaviours._slots import AUTONOMY, BOOLS, CMD_VEL, EMERGENCY, REST, TELEOP
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard.messages.std_msgs import Bool
-
-__all__ = ["CommandArbiter"]
 
 
 class CommandArbiter(Machine):

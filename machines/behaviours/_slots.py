@@ -4,8 +4,6 @@ from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool
 
-__all__ = ["AUTONOMY", "BOOLS", "CMD_VEL", "EMERGENCY", "INPUT", "REST", "TELEOP"]
-
 CMD_VEL = Slot("cmd_vel", Twist)
 """What the robot follows."""
 INPUT = Slot("cmd_vel/input", Twist)

@@ -2,11 +2,9 @@
 
 from math import copysign
 
-from llfsm.machines.behaviours.slots import CMD_VEL, INPUT, REST
+from llfsm.machines.behaviours._slots import CMD_VEL, INPUT, REST
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-
-__all__ = ["Ramp", "SpeedLimit"]
 
 
 class SpeedLimit(Machine):

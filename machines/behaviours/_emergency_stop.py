@@ -1,11 +1,9 @@
 """An emergency stop that stays until it is reset by another signal."""
 
-from llfsm.machines.behaviours.slots import BOOLS, EMERGENCY
+from llfsm.machines.behaviours._slots import BOOLS, EMERGENCY
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Bool
-
-__all__ = ["BUTTON", "RESET", "EmergencyStop"]
 
 BUTTON, RESET = Slot("emergency_stop/button", Bool), Slot("emergency_stop/reset", Bool)
 

@@ -2,13 +2,11 @@
 
 from math import inf, isnan
 
-from llfsm.machines.behaviours.slots import CMD_VEL, INPUT, REST
+from llfsm.machines.behaviours._slots import CMD_VEL, INPUT, REST
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.sensor_msgs import LaserScan, Range
-
-__all__ = ["RANGE", "SCAN", "CollisionStop", "ScanCollisionStop"]
 
 RANGE, SCAN = Slot("range", Range), Slot("scan", LaserScan, 64 << 10)
 
