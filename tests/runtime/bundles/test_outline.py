@@ -20,7 +20,10 @@ from llfsm.runtime.engine.table import Table
 from .conftest import CppWriter
 
 SHIPPED = [
-    each for each in llfsm.machines.__all__ if isinstance(vars(llfsm.machines)[each], MachineType)
+    each
+    for each in llfsm.machines.__all__
+    if isinstance(vars(llfsm.machines)[each], MachineType)
+    and each not in llfsm.machines.behaviours.__all__
 ]
 MACHINES = Path(llfsm.machines.__file__).parent
 HOSTILE = (
