@@ -1,6 +1,6 @@
 """A stop before obstacles: slower in a first zone, at rest in a second one."""
 
-from math import inf, isnan
+from math import isnan
 
 from llfsm.machines.behaviours._slots import CMD_VEL, INPUT, REST
 from llfsm.runtime import Actuator, Machine, Sensor, State
@@ -112,7 +112,8 @@ class ScanCollisionStop(_Zones):
         """
         if self.scan is None:
             return 0.0
-        scan, nearest, seen = self.scan, inf, False
+        scan, seen = self.scan, False
+        nearest = scan.range_max  # which is as far as it can tell
         for number, metres in enumerate(scan.ranges):
             if abs(scan.angle_min + number * scan.angle_increment) <= self.half_angle:
                 seen = True

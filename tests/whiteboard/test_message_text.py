@@ -88,7 +88,8 @@ def test_what_ships_is_of_ros_and_not_what_processes_of_llfsm_tell_each_other() 
     assert {Twist, Pose} <= set(shipped_types())
     packages = sorted({each.__module__.rpartition(".")[2] for each in shipped_types()})
     assert packages == [
-        "builtin_interfaces", "geometry_msgs", "std_msgs", "turtle_sensor_poster", "turtlesim",
+        "builtin_interfaces", "geometry_msgs", "sensor_msgs", "std_msgs", "turtle_sensor_poster",
+        "turtlesim",
     ]  # fmt: skip
     with pytest.raises(MessageTypeError, match=rf"packages are {', '.join(packages)}$"):
         message_class("nopack/Foo")
