@@ -27,7 +27,7 @@ class _Zones(Machine):
 
     def free_m(self) -> float:
         """Return how far the way ahead is free; 0 if that is not known."""
-        raise NotImplementedError
+        raise NotImplementedError  # each sensor has its own
 
     def drive(self, factor: float) -> None:
         """Pass the velocity on, ahead multiplied by a factor; back and turns as they are."""
@@ -87,7 +87,7 @@ class CollisionStop(_Zones):
     range = Sensor(RANGE, max_age_ms=500)
 
     def free_m(self) -> float:
-        """Return what the sensor measures; what it cannot see is beyond its reach, so free."""
+        """Measure how far the way is free; what the sensor cannot see is beyond its reach."""
         if self.range is None or isnan(self.range.range):
             return 0.0
         return self.range.range
@@ -112,11 +112,22 @@ class ScanCollisionStop(_Zones):
         """
         if self.scan is None:
             return 0.0
-        scan, seen = self.scan, False
-        nearest = scan.range_max  # which is as far as it can tell
-        for number, metres in enumerate(scan.ranges):
-            if abs(scan.angle_min + number * scan.angle_increment) <= self.half_angle:
-                seen = True
-                if scan.range_min <= metres <= scan.range_max:
-                    nearest = min(nearest, metres)
-        return nearest if seen else 0.0
+        return min(
+            (self.seen_m(beam) for beam in range(len(self.scan.ranges)) if self.is_ahead(beam)),
+            default=0.0,
+        )
+
+    def is_ahead(self, beam: int) -> bool:
+        """True if a beam is ahead of the robot."""
+        if self.scan is None:
+            return False
+        return abs(self.scan.angle_min + beam * self.scan.angle_increment) <= self.half_angle
+
+    def seen_m(self, beam: int) -> float:
+        """Return how far a beam is free: if it hits nothing, as far as the laser can tell."""
+        if self.scan is None:
+            return 0.0
+        metres = self.scan.ranges[beam]
+        if self.scan.range_min <= metres <= self.scan.range_max:
+            return metres
+        return self.scan.range_max

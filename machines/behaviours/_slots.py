@@ -5,9 +5,9 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 CMD_VEL = Slot("cmd_vel", Twist)
-"""What the robot follows."""
+"""The velocity that the robot follows."""
 INPUT = Slot("cmd_vel/input", Twist)
-"""What a behaviour passes on, changed or not."""
+"""The velocity that a behaviour passes on, changed or not."""
 TELEOP = Slot("cmd_vel/teleop", Twist)
 AUTONOMY = Slot("cmd_vel/autonomy", Twist)
 EMERGENCY = Slot("emergency_stop/active", Bool)

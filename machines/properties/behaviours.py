@@ -79,7 +79,7 @@ WORLDS: Mapping[tuple[Any, ...], Mapping[Any, tuple[Any, ...]]] = {
     },
     STUCK_WATCH: {CMD_VEL: (REST, AHEAD), VELOCITY: (REST, AHEAD)},
 }
-"""What the sensors may read in a proof, of each arrangement."""
+"""The messages that the sensors may read in a proof, of each arrangement."""
 
 # An emergency stop, and who commands
 

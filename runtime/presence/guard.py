@@ -63,7 +63,7 @@ class _Death(NamedTuple):
     silent_ns: int = 0
     """For how long it must have been silent; 0 if it does not exist."""
     here_only: bool = False
-    """Whether other hosts may still hear it, so that this one acts on its own board alone."""
+    """True if other hosts may still hear it, so that this one acts on its own board alone."""
 
 
 class _Process:

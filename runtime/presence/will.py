@@ -33,6 +33,7 @@ from llfsm.whiteboard.messages.llfsm import (
     Bell,
     LastWill,
     SafeValue,
+    WillExecution,
     execution_slot,
     will_slot,
 )
@@ -40,7 +41,7 @@ from llfsm.whiteboard.mirror.stand_ins import note_stand_in
 from llfsm.whiteboard.slots import Sample
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, Message, Slot
+    from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
 
 class Will:
@@ -52,16 +53,14 @@ class Will:
         self._board = board
         self._machine = machine
         self._slot = board[will_slot(machine)]
-        self._executions = None
-        with suppress(BoardFullError):
-            self._executions = board[execution_slot(machine)]
+        self._executions: BoundSlot[WillExecution] | None = None
+        self._reported = 0
         self._will = LastWill(
             *this_process(),
             tuple(SafeValue(slot.name, slot.encoder.encode(message)) for slot, message in values),
             silent_ms,
         )
         self._count = 0
-        self._reported = 0 if self._executions is None else self._executions.count
 
     def leave(self) -> None:
         """Post it. A dead predecessor's, which this replaces, is executed before."""
@@ -98,6 +97,11 @@ class Will:
 
     def _report_executions(self) -> None:
         """Log that a guard of another host has executed it there."""
+        if self._executions is None:
+            with suppress(BoardFullError):  # only a board with a daemon needs room for it
+                if self._board.publisher(MIRROR).count:
+                    self._executions = self._board[execution_slot(self._machine)]
+                    self._reported = self._executions.count
         if self._executions is None or self._executions.count == self._reported:
             return
         self._reported = self._executions.count
@@ -117,7 +121,8 @@ class Will:
         withdrawn = msgspec.structs.replace(self._will, values=(), state="withdrawn")
         if self._count and self._slot.add_after(withdrawn, self._count):
             self._board.vacate(will_slot(self._machine))
-        self._board.vacate(execution_slot(self._machine))
+        if self._executions is not None:
+            self._board.vacate(execution_slot(self._machine))
 
 
 class Executed(NamedTuple):

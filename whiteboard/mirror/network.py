@@ -115,7 +115,8 @@ class Network:
             ) from error
         self._access = settings.access
         config = configure(settings, self.mode)
-        self._keys = Keys(self.board, self.host, certificate_name(config))
+        self._certificate = certificate_name(config)
+        self._keys = Keys(self.board, self.host, self._certificate)
         self.listens = endpoints(config, "listen")
         """The endpoints where other hosts reach this one."""
         before = listeners()
@@ -331,7 +332,8 @@ class Network:
             if not limit_link(event.link, LEASE_MS):
                 _log.debug("no socket found for %s; it keeps Zenoh's time limits", event.link)
             name = event.link.auth_identifier
-            if self._access and name not in self._access:
+            known = *self._access, self._certificate  # its own session introduces hosts
+            if self._access and name not in known:
                 self._receiver.refuse("a connection", f"`access` does not list {name!r}")
             if self._reconnector is not None:
                 self._reconnector.add(event.link)

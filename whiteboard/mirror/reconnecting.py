@@ -17,11 +17,12 @@ import json
 import logging
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import closing
 from dataclasses import dataclass, field
 from threading import Condition, Thread
 from typing import TYPE_CHECKING
 
+from llfsm.whiteboard.errors import WhiteboardError
 from llfsm.whiteboard.mirror.zenoh_internals import port_of
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class Reconnector:
         zid, ends = str(link.zid), (str(link.src), str(link.dst))
         with self._changed:
             has_connected = port_of(ends[0]) not in self._ports  # else the other one has
-            if has_connected and _plain(ends[1]) not in self._configured:
+            if self._own and has_connected and _plain(ends[1]) not in self._configured:
                 self._endpoints[zid] = _plain(ends[1])
             lost = self._lost.pop(zid, None)
             for other in [o for o, its in self._lost.items() if its.endpoint == _plain(ends[1])]:
@@ -100,7 +101,7 @@ class Reconnector:
         zid, now_s = str(link.zid), time.monotonic()
         with self._changed:
             endpoint = self._endpoints.get(zid)
-            if zid in self._lost or endpoint is None or not self._own or self._closed:
+            if zid in self._lost or endpoint is None or self._closed:
                 return
             self._lost[zid] = _Lost(endpoint, now_s, due_s=now_s + _SETTLE_S)
             if len(self._lost) > _MAX_LOST:
@@ -124,10 +125,15 @@ class Reconnector:
             return tuple(lost.endpoint for lost in found)
 
     def _run(self) -> None:
+        import zenoh
+
         while (due := self._wait()) is not None:
-            listening = self._probe(self._without_link(due))
-            if listening:
-                self._introduce(listening)
+            try:
+                listening = self._probe(self._without_link(due))
+                if listening:
+                    self._introduce(listening)
+            except (OSError, WhiteboardError, zenoh.ZError) as error:  # too many files, for example
+                _log.debug("no connection is made again for now: %s", error)
 
     def _wait(self) -> dict[str, _Lost] | None:
         """Wait until hosts are due, and return them; None at the end."""
@@ -136,6 +142,8 @@ class Reconnector:
                 now_s = time.monotonic()
                 due = {z: lost for z, lost in self._lost.items() if lost.due_s <= now_s}
                 if due:
+                    for lost in due.values():
+                        lost.due_s = now_s + max(_INTERVAL_S, len(self._lost) / _PROBED_A_SECOND)
                     return due
                 next_s = min((lost.due_s for lost in self._lost.values()), default=None)
                 self._changed.wait(None if next_s is None else next_s - now_s)
@@ -165,7 +173,6 @@ class Reconnector:
         with self._changed:
             now_s = time.monotonic()
             for zid, lost in due.items():
-                lost.due_s = now_s + max(_INTERVAL_S, len(self._lost) / _PROBED_A_SECOND)
                 if found[zid] is not False:
                     lost.refused_s = None
                 elif lost.refused_s is None:
@@ -192,13 +199,10 @@ class Reconnector:
             ("transport/link/tls/verify_name_on_connect", False),
         ):
             config.insert_json5(key, json.dumps(value))
-        with suppress(zenoh.ZError):
-            session = zenoh.open(config)
-            with self._changed:
-                self._changed.wait_for(
-                    lambda: self._closed or not hosts.keys() & self._lost.keys(), _INTRODUCTION_S
-                )
-            session.close()
+        with closing(zenoh.open(config)), self._changed:
+            self._changed.wait_for(
+                lambda: self._closed or not hosts.keys() & self._lost.keys(), _INTRODUCTION_S
+            )
         with self._changed:
             for zid in hosts.keys() & self._lost.keys():
                 lost = self._lost[zid]

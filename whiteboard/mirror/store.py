@@ -159,16 +159,16 @@ class Store:
             known = known if self._is_credible(known) else None
         elif count == cell.count and self._is_credible(before):
             return before
+        replaced = before if known is None else known
+        is_foreign = replaced is not None and replaced.host != self.host
+        if is_foreign and (name, count) in stand_ins(self.board):
+            self.standing_in[name] = cell
+            known = replaced
         if known is None:
             wall_ns = self.wall_ns(stamp_ns)
             if before is not None and before.time >= wall_ns and not self._is_credible(before):
                 before = None
-            if before and before.host != self.host and (name, count) in stand_ins(self.board):
-                known = before
-            else:
-                known = succeed(before, wall_ns, self.host)
-        if known.host != self.host and (name, count) in stand_ins(self.board):
-            self.standing_in[name] = cell
+            known = succeed(before, wall_ns, self.host)
         self._pending.append((name, count, writer, known))
         cell.version, cell.count = known, count
         if known.host == self.host:
@@ -189,9 +189,13 @@ class Store:
         """
         noted, found = stand_ins(self.board), []
         for name, cell in list(self.standing_in.items()):
-            version = self.version(cell)
-            if name in self.standing_in and (name, cell.count) not in noted and version is not None:
+            version, latest = self.version(cell), cell.encoded()
+            if version is None or latest is None or not self.stands_in(cell):
+                continue
+            _, count, _, writer = latest
+            if count == cell.count and (name, count) not in noted:
                 cell.version = version_below(version)
+                self._pending.append((name, count, writer, cell.version))
                 del self.standing_in[name]
                 found.append(name)
         return found
