@@ -254,6 +254,26 @@ static PyObject *board_read(Board *self, PyObject *unused)
     return list;
 }
 
+/* living(): the names of the slots that nobody has given up. */
+static PyObject *board_living(Board *self, PyObject *unused)
+{
+    (void)unused;
+    if (!is_open(self, self->path))
+        return NULL;
+    uint64_t offset;
+    int status;
+    self->users++; /* as in slots() */
+    PyObject *list = PyList_New(0);
+    struct lwb_record *r;
+    for (int i = 0; list && (r = lwb_slot_at(&self->board, i, &offset, &status)); i++) {
+        uint64_t life = atomic_load_explicit(&r->life, memory_order_relaxed);
+        if (lwb_state_of(life) != LWB_VACANT && !append_name(self, list, i))
+            Py_CLEAR(list);
+    }
+    board_leave(self);
+    return list;
+}
+
 /* vacate(name): give up the name of a slot, if there is one. */
 static PyObject *board_vacate(Board *self, PyObject *name)
 {
@@ -355,6 +375,7 @@ static PyMethodDef board_methods[] = {
     {"find", (PyCFunction)board_find, METH_O, NULL},
     {"readings", (PyCFunction)board_readings, METH_NOARGS, NULL},
     {"read", (PyCFunction)board_read, METH_NOARGS, NULL},
+    {"living", (PyCFunction)board_living, METH_NOARGS, NULL},
     {"vacate", (PyCFunction)board_vacate, METH_O, NULL},
     {"raise_alarm", (PyCFunction)board_raise_alarm, METH_NOARGS, NULL},
     {"watch", (PyCFunction)board_watch, METH_VARARGS, NULL},

@@ -267,6 +267,10 @@ class Board(ClosedOnExit):
         """Return the slot's latest message, or None before the first."""
         return self._bound[slot].get()
 
+    def living(self) -> list[str]:
+        """Return the names of the slots that were not given up."""
+        return [info.name for info in self.slots()]
+
     def vacate(self, slot: Slot[Any]) -> None:
         """Give up the slot's name, if nobody needs it any more; its last message may be lost.
 

@@ -176,6 +176,10 @@ class Whiteboard(Board):
         """Return the names of the slots that any process reads."""
         return set(self._core.read())
 
+    def living(self) -> list[str]:
+        """Return the names of the slots that were not given up; see :meth:`.Board.living`."""
+        return self._core.living()
+
     def vacate(self, slot: Slot[Any]) -> None:
         """Give up the slot's name; see :meth:`.Board.vacate`."""
         super().vacate(slot)

@@ -20,7 +20,7 @@ directions, rates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -37,7 +37,7 @@ from llfsm.whiteboard.mirror.batches import (
     decoder,
     footprint,
 )
-from llfsm.whiteboard.mirror.groups import EVERY_GROUP, group_of
+from llfsm.whiteboard.mirror.groups import ENDED, EVERY_GROUP, group_of
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.peers import Peers, Source
 from llfsm.whiteboard.mirror.quotas import Quotas, RateLimit, Refusals, Refused
@@ -58,7 +58,6 @@ _MAX_REASON = 1000  # characters kept of why a slot cannot be used
 _NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
 _NOTHING = matcher(())
 _DAY_NS = 86_400 * 10**9
-_ROUTES = 1024
 
 
 class Route:
@@ -90,10 +89,10 @@ class Routes:
         self.naming = Naming(settings.as_, settings.fleet)
         """Converts the names of slots here into those elsewhere, and back."""
         self._period_ns = settings.period_ns()
-        self._leaves = matcher(settings.leave)
+        self.leaves = matcher(settings.leave)
+        """Checks that a slot of that name may be sent to other hosts."""
         self.enters = matcher(() if settings.read_only else settings.enter)
         """Checks that other hosts may add to a slot of that name."""
-        self._most = _ROUTES  # to know before those of slots that are gone are looked for
         self.known: dict[str, Route] = {}
         """The routes that were asked for so far."""
         self._groups: dict[str, list[tuple[str, Route]]] = {}
@@ -106,7 +105,7 @@ class Routes:
         So messages to its own slots arrive without a reader, also in slots that have none yet.
         """
         if self.naming.host:
-            names = (info.name for info in self.store.board.slots())
+            names = self.store.board.living()
             read = {*read, *filter(self.naming.is_own, names)}
         wires = map(self.naming.wire, filter(self.enters, read))
         return {group_of(wire) for wire in wires if wire is not None}
@@ -115,7 +114,7 @@ class Routes:
         """Return the route of a slot on the board; raise `Refused` if its record is unusable."""
         route = self.known.get(name)
         if route is None:
-            leaves, enters = self._leaves(name), self.enters(name)
+            leaves, enters = self.leaves(name), self.enters(name)
             wire = self.naming.wire(name)
             if wire is None:
                 if leaves or enters:
@@ -124,19 +123,25 @@ class Routes:
             cell, period = self.store.cell(name), self._period_ns(name)
             route = self.known[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
-            if len(self.known) >= self._most:
-                self._forget_gone()
         return route
 
-    def _forget_gone(self) -> None:
-        """Forget the routes of slots that are gone: names come and go, in a life more than fit."""
-        names = self.store.forget_gone()
-        self.known = {name: route for name, route in self.known.items() if name in names}
-        self._groups = {}
-        for name, route in self.known.items():
-            self._groups.setdefault(route.group, []).append((name, route))
-        self.offered = {group: own for group, own in self.offered.items() if group in self._groups}
-        self._most = 2 * len(self.known) + _ROUTES
+    def take_gone(self) -> list[Route]:
+        """Forget the routes of slots whose names were given up here, and return them."""
+        gone = self.known.keys() - set(self.store.board.living())
+        routes = [self.known[name] for name in gone]
+        self.forget(gone)
+        return routes
+
+    def forget(self, names: Set[str]) -> None:
+        """Forget the routes of some slots: in a life, more names come and go than fit."""
+        groups = {self.known.pop(name).group for name in names if name in self.known}
+        self.store.forget(names)
+        for group in groups:
+            left = [(name, route) for name, route in self._groups[group] if name not in names]
+            self._groups[group] = left
+            if not left:
+                del self._groups[group]
+                self.offered.pop(group, None)
 
     def usable(self, name: str) -> Route | None:
         """Return the route of a slot, or None, counted, if its record is unusable."""
@@ -151,6 +156,7 @@ class Routes:
         route = self.known.get(name) or self.usable(name)
         if route is not None and route.leaves:
             self.offered[route.group] = name.startswith(OWN)
+            self.offered[ENDED] = False
         return route
 
     def in_order(self, groups: Iterable[str]) -> list[str]:
@@ -164,7 +170,7 @@ class Routes:
         """Return the usable routes of a group, with the slots' names: those asked for before."""
         if group != EVERY_GROUP:
             return list(self._groups.get(group, ()))
-        routes = ((of.name, self.usable(of.name)) for of in self.store.board.slots())
+        routes = ((name, self.usable(name)) for name in self.store.board.living())
         return [(name, route) for name, route in routes if route is not None]
 
 
@@ -227,18 +233,38 @@ class Arrivals:
                 value = self._here(value)
             if value is not None and (not self._access or self._may_add(source, value.slot)):
                 try:
-                    route = self.routes.known.get(value.slot)
-                    if route is None or route.cell.kind != value.kind or not route.enters:
-                        route = self._find_route(source, value, declared.get(value.slot))
-                    if route is not None and self._is_timely(source, value):
-                        if value.slot.startswith(WILLS):
-                            value = self._permitted(source, value)
-                        self._enter(source, route, value, now_ns)
+                    if value.payload:
+                        self._add(source, value, declared.get(value.slot), now_ns)
+                    else:
+                        self._give_up(source, value)
                 except BoardClosedError:
                     return
                 except (Refused, WhiteboardError) as error:
                     self._refuse(source, value.slot, error)
             yield
+
+    def _add(
+        self, source: Source, value: Value, declaration: Declaration | None, now_ns: int
+    ) -> None:
+        route = self.routes.known.get(value.slot)
+        if route is None or route.cell.kind != value.kind or not route.enters:
+            route = self._find_route(source, value, declaration)
+        if route is not None and self._is_timely(source, value):
+            if value.slot.startswith(WILLS):
+                value = self._permitted(source, value)
+            self._enter(source, route, value, now_ns)
+
+    def _give_up(self, source: Source, value: Value) -> None:
+        """Give up a name that its host has given up, unless a newer message has come since."""
+        name = value.slot
+        if not (self._exists(name) and self.routes.enters(name) and self._is_timely(source, value)):
+            return
+        cell = self.routes.get(name).cell
+        version = self._store.version(cell)
+        if version is not None and version <= value.version:
+            self._store.board.vacate(cell.slot)
+            self.routes.forget({name})
+            self.quotas.give_back(name)
 
     def _may_add(self, source: Source, slot: str) -> bool:
         """Check that the sender is listed for a slot in `access`; count a refusal if not."""
@@ -340,7 +366,7 @@ class Arrivals:
             )
         account = self.quotas.account(source.name)
         memory = 0 if exists else footprint(declaration)
-        account.take_slot(name, memory)
+        account.take_slot(name, kind, memory)
         try:
             if exists:
                 raise Refused(self._store.clash(self.routes.get(name).cell, declaration))

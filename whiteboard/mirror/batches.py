@@ -71,6 +71,7 @@ class Value(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
     """The fingerprint of its type's schema."""
     version: Version
     payload: bytes
+    """Empty if the slot's name was given up when its latest message had that version."""
 
 
 class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):

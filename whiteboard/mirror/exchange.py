@@ -46,7 +46,7 @@ from llfsm.whiteboard.mirror.batches import (
     divide,
     encode,
 )
-from llfsm.whiteboard.mirror.groups import EVERY_GROUP, Interest
+from llfsm.whiteboard.mirror.groups import ENDED, EVERY_GROUP, Interest
 from llfsm.whiteboard.mirror.peers import EVERY_HOST, Packet, Peers, Query, Source
 from llfsm.whiteboard.mirror.quotas import Quotas, Refusals
 from llfsm.whiteboard.mirror.settings import Settings
@@ -58,6 +58,7 @@ _HEARTBEATS = decoder(Heartbeat)
 _QUERIES = decoder(StateQuery)
 _DONE = object()
 _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
+_ENDED_AT_ONCE = 1000  # names in a batch
 _ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcement is repeated
 
 
@@ -137,6 +138,20 @@ class Exchange:
                     packets.append(Packet(group, data))
             return packets
 
+    def ends(self) -> list[Packet]:
+        """Make batches of the names that were given up here since the last call."""
+        is_read = self.is_read(ENDED)
+        with self._lock:
+            ended = []
+            for route in self._routes.take_gone():
+                name, version = route.cell.slot.name, route.cell.version
+                self._quotas.give_back(name)
+                self._changed.pop(name, None)
+                if is_read and route.leaves and version is not None:
+                    ended.append(Value(name, 0, version, b""))
+            parts = [ended[at : at + _ENDED_AT_ONCE] for at in range(0, len(ended), _ENDED_AT_ONCE)]
+            return [Packet(ENDED, data) for part in parts for data in self._pack(part, [], ENDED)]
+
     def _look(self, slots: Iterable[str]) -> None:
         """Record which slots have changed: any of `slots`, and those of which there is news."""
         changed, routes, news = self._changed, self._routes, self.store.news
@@ -195,6 +210,8 @@ class Exchange:
         with self._lock:
             every = self.settings.eager or self.now_ns() < self._announced_ns
             groups = self._routes.in_order(self._routes.offered if every else self._numbers)
+            if ENDED not in self._numbers:
+                groups = [group for group in groups if group != ENDED]
         read = {group for group in groups if self.is_read(group)}
         with self._lock:
             head, name = (self.store.host, self._born), socket.gethostname()[:255]
@@ -222,7 +239,10 @@ class Exchange:
     def read(self, slots: Iterable[str]) -> set[str]:
         """Return the groups to receive now that these slots are read; see `Interest.change`."""
         with self._lock:
-            self._peers.restart(self.interest.change(self._routes.to_receive(slots)))
+            wanted = self._routes.to_receive(slots)
+            if self._arrivals.entered:
+                wanted.add(ENDED)
+            self._peers.restart(self.interest.change(wanted))
             return self.interest.groups
 
     def queries(self) -> list[Query]:
@@ -247,7 +267,7 @@ class Exchange:
 
     def _query(self, group: str) -> tuple[bytes, int]:
         """Make a query for a group's messages; return it, and the number of those known here."""
-        known = tuple(self._known(group))
+        known = tuple(self._known(EVERY_GROUP if group == ENDED else group))
         return encode(StateQuery(known)), len(known)
 
     def _known(self, group: str) -> list[tuple[str, Version]]:
@@ -280,11 +300,26 @@ class Exchange:
                 and (route.wire not in known or version > known[route.wire])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]
+            if group in (ENDED, EVERY_GROUP):
+                values += self._ended(known)
             store.note()
             parts = self._pack(values, list(map(store.declaration, newer)), None)
             size = sum(map(len, parts))
             self._quotas.account(name).charge(self.now_ns(), messages=len(routes), size=size)
             return parts
+
+    def _ended(self, known: dict[str, Version]) -> list[Value]:
+        """List the messages of this host that others still have, though their names are gone."""
+        ours = {wire: version for wire, version in known.items() if version.host == self.store.host}
+        if not ours:
+            return []
+        living = set(self.store.board.living())
+        names = ((self._routes.naming.local(wire), version) for wire, version in ours.items())
+        return [
+            Value(name, 0, version, b"")
+            for name, version in names
+            if name is not None and name not in living and self._routes.leaves(name)
+        ]
 
     # ---- Receiving --------------------------------------------------------------------------
 

@@ -12,6 +12,9 @@ losses are noticed: a host that is connected directly reports itself, and one th
 shows by heartbeats that something was missed. Neither comes from a host that only has messages of
 one that is gone since, if routers are between them. So all groups are asked for again after each
 connection to a router, and once a minute, as routers may have lost and found each other.
+
+The names that a host gives up are a group of their own, which each host receives that has messages
+of others: what was read on it once is on its board, whoever reads it now.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ from hashlib import blake2b
 
 EVERY_GROUP = ""
 """In place of a group: all of them."""
+ENDED = "ended"
+"""The group of the names that were given up; whoever has messages of others receives it."""
 
 _ASK_AGAIN_NS = 60_000_000_000  # between two queries to all hosts for the groups received
 _NEW_AT_ONCE = 16  # groups: a process that reads thousands must not stop this host from sending

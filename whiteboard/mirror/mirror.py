@@ -83,7 +83,7 @@ class Mirror:
 
     def run(self, publish: Callable[[MirrorStatus], None] = lambda _: None) -> None:
         """Mirror until stopped or the board is removed; pass a status to `publish` each second."""
-        heartbeat = status = hello = 0.0
+        heartbeat = status = hello = 0.0  # the times of the next ones
         while not self._stop.is_set() and self.board.alive:
             now = time.monotonic()
             if now >= heartbeat:
@@ -96,6 +96,8 @@ class Mirror:
                 self._hello_s *= 2
             if now >= status:
                 status = now + _STATUS_S
+                self._send(self._exchange.ends())
+                self._offered.intersection_update(self.board.living())
                 publish(self._exchange.status())
             self._exchange.enter_held()
             next_s = min(heartbeat, max(self._look_s, now + _TICK_S)) - time.monotonic()
@@ -181,7 +183,7 @@ class Mirror:
         if not self._naming.host:
             return
         with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
-            names = [info.name for info in self.board.slots() if self._leaves(info.name)]
+            names = [name for name in self.board.living() if self._leaves(name)]
             own = (self._naming.wire(name) for name in names if self._naming.is_own(name))
             folders = {wire.rpartition("/")[0] for wire in own if wire is not None}
             self.board.add_message(folders_slot(), Folders(tuple(sorted(folders))))

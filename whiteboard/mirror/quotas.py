@@ -7,7 +7,8 @@ each id that is claimed, a host could have as many as it likes.
 Rates are leaky buckets that may overflow once: something passes if nothing is owed, whatever it
 costs, and the debt is paid off at the rate. So a message larger than what passes in a second is not
 shut out for good. An idle host is at most one second ahead. Memory is counted and never given back:
-a slot stays on the board.
+a slot stays on the board. One whose name was given up serves the next name of its type there, so
+that one costs nothing: the quota is for what is alive at once.
 
 Whatever is refused, here or elsewhere, is counted under a kind, and logged once for each kind, so
 that no sender can fill the log.
@@ -56,6 +57,9 @@ class Account:
         self._traffic = RateLimit(1e9 / settings.traffic, _BURST_NS)
         self._messages = RateLimit(1e9 / settings.messages, _BURST_NS)
         self._failed: dict[tuple[str, int], str] = {}
+        self._made: dict[str, tuple[int, int]] = {}  # the type and the memory of each living slot
+        self.spare: Counter[tuple[int, int]] = Counter()
+        """The number of slots whose names were given up, by their type and memory."""
         self.slots = 0
         self.bytes = 0
         self.over_rate = 0
@@ -84,9 +88,13 @@ class Account:
         """Return the reason why a slot of this type could not be used before, or None."""
         return self._failed.get((name, kind))
 
-    def take_slot(self, name: str, memory: int) -> None:
+    def take_slot(self, name: str, kind: int, memory: int) -> None:
         """Take a slot and its shared memory; raise `Refused` if that is over the quota."""
-        limits = self._settings
+        limits, like = self._settings, (kind, memory)
+        if self.spare[like]:
+            self.spare[like] -= 1
+            self._made[name] = like
+            return
         if self.slots >= limits.slots:
             raise Refused(f"slot {name!r}: over the quota of {limits.slots} slots")
         if self.bytes + memory > limits.bytes:
@@ -96,10 +104,18 @@ class Account:
             )
         self.slots += 1
         self.bytes += memory
+        self._made[name] = like
+
+    def give_back(self, name: str) -> None:
+        """Count a slot whose name was given up as room for another one of its type."""
+        like = self._made.pop(name, None)
+        if like is not None:
+            self.spare[like] += 1
 
     def fail(self, name: str, kind: int, memory: int, why: str) -> None:
         """Record that a slot that was taken cannot be used. It stays counted: it has cost time."""
         self.bytes -= memory
+        self._made.pop(name, None)
         self._failed[name, kind] = why
 
 
@@ -114,12 +130,17 @@ class Quotas:
         """Return the account of a host."""
         return self._accounts[name]
 
+    def give_back(self, name: str) -> None:
+        """Count a slot whose name was given up as room for another, for the host that made it."""
+        for account in self._accounts.values():
+            account.give_back(name)
+
     def status(self) -> Iterator[QuotaStatus]:
         """Report how much of its quota each host has taken."""
         for name, taken in self._accounts.items():
             yield QuotaStatus(
                 name=name,
-                slots=taken.slots,
+                slots=taken.slots - taken.spare.total(),
                 max_slots=self._settings.slots,
                 bytes=taken.bytes,
                 max_bytes=self._settings.bytes,

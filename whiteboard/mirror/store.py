@@ -115,12 +115,11 @@ class Store:
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
 
-    def forget_gone(self) -> frozenset[str]:
-        """Forget the slots that the board does not have any more; return the names that it has."""
-        names = frozenset(info.name for info in self.board.slots())
-        for name in self._cells.keys() - names:
-            del self._cells[name]
-        return names
+    def forget(self, names: Iterable[str]) -> None:
+        """Forget slots whose names were given up."""
+        for name in names:
+            self._cells.pop(name, None)
+            self.standing_in.pop(name, None)
 
     def latest(self, cell: Cell) -> Value | None:
         """Return the latest message of a slot with its version, or None before the first.

@@ -15,7 +15,7 @@ from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
-from llfsm.whiteboard.mirror.groups import group_of
+from llfsm.whiteboard.mirror.groups import ENDED, group_of
 from llfsm.whiteboard.mirror.peers import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store, VersionLog
@@ -352,7 +352,7 @@ def test_a_group_is_offered_when_it_has_a_message() -> None:
     assert part.exchange.groups() == []
     part.board.add_message(ARM, Number(1))
     part.collect()
-    assert part.exchange.groups() == [group_of(ARM.name)]
+    assert part.exchange.groups() == [group_of(ARM.name), ENDED]
 
 
 @pytest.mark.parametrize("chosen", [{"read_only": True}, {"enter": ()}])
