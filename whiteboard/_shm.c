@@ -32,14 +32,15 @@ typedef struct {
 static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"board", "name", "type_name", "schema", "fingerprint", "capacity",
-                            "message_type", "fields", "encode_into", "decode", NULL};
+                            "message_type", "fields", "encode_into", "decode", "make", NULL};
     struct lwb_schema schema;
     unsigned long long fingerprint, capacity;
     PyObject *board, *name, *type, *fields, *encode_into, *decode;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!UssKKO!O!OO", names, board_type, &board,
+    int make = true;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!UssKKO!O!OO|p", names, board_type, &board,
                                      &name, &schema.type, &schema.text, &fingerprint, &capacity,
                                      &PyType_Type, &type, &PyTuple_Type, &fields, &encode_into,
-                                     &decode))
+                                     &decode, &make))
         return NULL;
     schema.fingerprint = fingerprint;
     schema.capacity = capacity;
@@ -56,9 +57,13 @@ static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwarg
     if (!(schema.name = PyUnicode_AsUTF8AndSize(name, NULL)) ||
         field_checks_init(&self->checks, self->type, fields) || !is_open(self->board, name))
         goto failed;
-    int status = lwb_slot(&self->board->board, &self->slot, &schema);
+    int status = lwb_bind(&self->board->board, &self->slot, &schema, make);
     if (!status)
         return (PyObject *)self;
+    if (status == LWB_MISSING) {
+        PyErr_SetNone(PyExc_LookupError);
+        goto failed;
+    }
     PyObject *theirs = NULL;
     if (status == LWB_DIFFERS) {
         const struct lwb_frame *f = &self->slot.frame;

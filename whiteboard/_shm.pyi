@@ -37,6 +37,7 @@ class Port(BoundSlot[_M]):
         fields: tuple[Field, ...],
         encode_into: Callable[[_M, bytearray], None],
         decode: Callable[[bytes], _M],
+        make: bool = True,
     ) -> Self: ...
     @property
     def count(self) -> int: ...

@@ -309,8 +309,11 @@ class Board(ClosedOnExit):
         return info.name, info.type_name, count, shown
 
     @abstractmethod
-    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
-        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired."""
+    def publisher(self, slot: Slot[M], *, make: bool = True) -> BoundSlot[M]:
+        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired.
+
+        Unless `make`, raise :class:`.SlotNotFoundError` if the board does not have it.
+        """
 
     @abstractmethod
     def slots(self) -> list[SlotInfo]:

@@ -181,9 +181,11 @@ class LocalBoard(Board):
         if not self._open:
             raise BoardClosedError(f"{self.name}: this whiteboard was closed")
 
-    def publisher(self, slot: Slot[M]) -> _LocalSlot[M]:
-        """Bind a slot to a new handle; raise as ``board[slot]`` does."""
+    def publisher(self, slot: Slot[M], *, make: bool = True) -> _LocalSlot[M]:
+        """Bind a slot to a new handle; see :meth:`.Board.publisher`."""
         self.check_open()
+        if not make:
+            self.find(slot.name)
         cell = self._cells.setdefault(slot.name, _Cell(slot))
         if cell.slot.fingerprint != slot.fingerprint:
             raise slot.clash(cell.slot.schema)

@@ -123,8 +123,8 @@ class Whiteboard(Board):
 
         return RemoteBoard(endpoint, default_name() if name is None else name, zenoh, as_, fleet)
 
-    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
-        """Bind a slot to a new handle; raise as ``board[slot]`` does."""
+    def publisher(self, slot: Slot[M], *, make: bool = True) -> BoundSlot[M]:
+        """Bind a slot to a new handle; see :meth:`.Board.publisher`."""
         try:
             return _shm.Port(
                 self._core,
@@ -137,7 +137,10 @@ class Whiteboard(Board):
                 _fields(mi.type_info(slot.type)),
                 slot.encoder.encode_into,
                 slot.decoder.decode,
+                make,
             )
+        except LookupError:
+            raise SlotNotFoundError(self.name, slot.name, self.living()) from None
         except SchemaClash as clash:
             raise slot.clash(_schema(clash.schema)[0]) from None
 

@@ -40,7 +40,7 @@ from llfsm.whiteboard.mirror.batches import (
 from llfsm.whiteboard.mirror.groups import ENDED, EVERY_GROUP, group_of
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.peers import Peers, Source
-from llfsm.whiteboard.mirror.quotas import Quotas, RateLimit, Refusals, Refused
+from llfsm.whiteboard.mirror.quotas import Gone, Quotas, RateLimit, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
 from llfsm.whiteboard.slot_names import OWN
@@ -147,6 +147,8 @@ class Routes:
         """Return the route of a slot, or None, counted, if its record is unusable."""
         try:
             return self.known.get(name) or self.get(name)
+        except Gone:
+            return None
         except Refused as refused:
             self.refusals.add(f"unusable: {name}", str(refused))
             return None
@@ -257,9 +259,12 @@ class Arrivals:
     def _give_up(self, source: Source, value: Value) -> None:
         """Give up a name that its host has given up, unless a newer message has come since."""
         name = value.slot
-        if not (self._exists(name) and self.routes.enters(name) and self._is_timely(source, value)):
+        if not (self.routes.enters(name) and self._is_timely(source, value)):
             return
-        cell = self.routes.get(name).cell
+        route = self._existing(name)
+        if route is None:
+            return
+        cell = route.cell
         version = self._store.version(cell)
         if version is not None and version <= value.version:
             self._store.board.vacate(cell.slot)
@@ -327,10 +332,12 @@ class Arrivals:
             why = "the board is read-only" if self._settings.read_only else "not listed"
             self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
             return None
-        exists = self._exists(name)
-        if exists and (route := self.routes.get(name)).cell.kind == value.kind:
+        route = self._existing(name)
+        if route is not None and route.cell.kind == value.kind:
             self.unknown.discard(name)
             return route
+        if route is None and value.version.host == self._store.host:
+            return None  # the name was given up here since
         failure = self.quotas.account(source.name).failure(name, value.kind)
         if failure is not None:
             raise Refused(failure)
@@ -340,11 +347,20 @@ class Arrivals:
                 self.peers.miss(source)
             return None
         self.unknown.discard(name)
-        self._make(source, value.kind, declaration, exists=exists)
+        self._make(source, value.kind, declaration, exists=route is not None)
         route = self.routes.get(name)
         if route.cell.kind != value.kind:
             raise Refused(f"slot {name!r}: the message is not of the type that its sender declares")
         return route
+
+    def _existing(self, name: str) -> Route | None:
+        """Return the route of a slot that is on the board, or None if it is not."""
+        if self._exists(name):
+            try:
+                return self.routes.get(name)
+            except Gone:
+                self._names.discard(name)
+        return None
 
     def _exists(self, name: str) -> bool:
         """Check that a slot is on the board, or was when all names were read last."""

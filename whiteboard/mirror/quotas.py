@@ -152,6 +152,10 @@ class Refused(Exception):  # noqa: N818  not for users: it is counted and logged
     """Raised when a message cannot enter the board; the text gives the reason."""
 
 
+class Gone(Refused):
+    """Raised when a slot's name was given up meanwhile."""
+
+
 class Refusals:
     """Counts refusals by their kind, and logs the first of each kind."""
 

@@ -41,12 +41,13 @@ from llfsm.whiteboard.errors import (
     BoardMirroredError,
     MessageTypeError,
     SlotError,
+    SlotNotFoundError,
     SlotTypeError,
     from_errno,
 )
 from llfsm.whiteboard.message import Message, type_from_schema
 from llfsm.whiteboard.mirror.batches import Declaration, Value, Version, succeed
-from llfsm.whiteboard.mirror.quotas import Refused
+from llfsm.whiteboard.mirror.quotas import Gone, Refused
 from llfsm.whiteboard.mirror.stand_ins import stand_ins, version_below
 from llfsm.whiteboard.schema import differences
 from llfsm.whiteboard.slots import Slot
@@ -105,12 +106,17 @@ class Store:
         self._pending: list[tuple[str, int, int, Version]] = []
 
     def cell(self, name: str) -> Cell:
-        """Return a slot that is on the board; raise `Refused` if its record is unusable."""
+        """Return a slot that is on the board.
+
+        Raise `Gone` if it is not, and `Refused` if its record is unusable.
+        """
         cell = self._cells.get(name)
         if cell is None:
             try:
                 slot = self.board.find(name)
-                cell = self._cells[name] = Cell(slot, self.board.publisher(slot))
+                cell = self._cells[name] = Cell(slot, self.board.publisher(slot, make=False))
+            except SlotNotFoundError as error:
+                raise Gone(str(error)) from error
             except (SlotError, MessageTypeError) as error:  # some process has written nonsense
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell

@@ -101,6 +101,18 @@ def test_a_lost_report_is_made_up_for_by_a_query(tmp_path: Path) -> None:
         assert [value.slot for value in values] == ["number"]
 
 
+def test_a_message_that_comes_back_to_its_host_does_not_revive_the_name(tmp_path: Path) -> None:
+    with parts(tmp_path) as (ours, theirs):
+        ours.board.add_message(NUMBER, Number(1))
+        send(ours, theirs)
+        ours.board.vacate(NUMBER)
+        ours.board.add_message(numbered(1), Number(1))
+        ours.collect()
+        for data in theirs.exchange.reply(ours.exchange.query_for_all().data):
+            ours.exchange.receive_reply(data)
+        assert ours.living() == {"jobs/1"}
+
+
 def test_of_a_message_of_another_host_only_that_one_reports_the_end(tmp_path: Path) -> None:
     with parts(tmp_path) as (ours, _):
         query = msgspec.msgpack.encode(StateQuery((("elsewhere", Version(1, 7)),)))
