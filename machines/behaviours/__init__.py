@@ -8,7 +8,9 @@ or dies leaves the robot at rest. Their properties are in `llfsm.machines.proper
 
 from llfsm.machines.behaviours._arbiter import CommandArbiter
 from llfsm.machines.behaviours._collision_stop import RANGE, SCAN, CollisionStop, ScanCollisionStop
+from llfsm.machines.behaviours._docking import DOCK, DOCK_FAILED, DOCKED, DockAndCharge
 from llfsm.machines.behaviours._emergency_stop import BUTTON, RESET, EmergencyStop
+from llfsm.machines.behaviours._patrol import POSE, Patrol
 from llfsm.machines.behaviours._slots import (
     AUTONOMY,
     BOOLS,
@@ -40,10 +42,14 @@ __all__ = [
     "BOOLS",
     "BUTTON",
     "CMD_VEL",
+    "DOCK",
+    "DOCKED",
+    "DOCK_FAILED",
     "EMERGENCY",
     "HEARTBEAT",
     "INPUT",
     "LEVEL",
+    "POSE",
     "RANGE",
     "RESET",
     "REST",
@@ -55,9 +61,11 @@ __all__ = [
     "BatteryWatch",
     "CollisionStop",
     "CommandArbiter",
+    "DockAndCharge",
     "EmergencyStop",
     "HeartbeatWatch",
     "Level",
+    "Patrol",
     "Ramp",
     "ScanCollisionStop",
     "SpeedLimit",

@@ -7,40 +7,61 @@ from llfsm.machines.behaviours import (
     AUTONOMY,
     BATTERY,
     CMD_VEL,
+    DOCK,
     EMERGENCY,
     HEARTBEAT,
     INPUT,
+    LEVEL,
+    POSE,
     RANGE,
     REST,
     TELEOP,
     VELOCITY,
+    BatteryLevel,
     BatteryWatch,
     CollisionStop,
     CommandArbiter,
+    DockAndCharge,
     EmergencyStop,
     HeartbeatWatch,
+    Level,
+    Patrol,
     Ramp,
     SpeedLimit,
     StuckWatch,
 )
 from llfsm.runtime.verification import never, reachable, step
-from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.geometry_msgs import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Twist,
+    Vector3,
+)
 from llfsm.whiteboard.messages.sensor_msgs import BatteryState, Range
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 __all__ = [
     "COLLISION",
     "COMMANDS",
+    "DOCKING",
     "LIMIT",
+    "PATROL",
     "RAMP",
     "STUCK_WATCH",
     "WATCHES",
     "WORLDS",
+    "a_low_robot_docks",
     "back_stays_free",
+    "blind_rests",
+    "charging_is_reached",
     "critical_is_not_good",
+    "each_waypoint_is_reached",
     "emergency_stops",
     "full_speed",
     "held_until_reset",
+    "leaves_charged",
     "level_keeps_its_distance",
     "limit_is_kept",
     "near_slows",
@@ -54,6 +75,8 @@ __all__ = [
     "silence_is_noticed",
     "stuck_after_a_wait",
     "top_speed_is_reached",
+    "turns_on_the_spot",
+    "waypoints_in_order",
 ]
 
 AHEAD, BACK = Twist(Vector3(x=1.0)), Twist(Vector3(x=-1.0))
@@ -64,6 +87,14 @@ LIMIT = (SpeedLimit,)
 RAMP = (lambda: Ramp(linear_step=0.25),)
 WATCHES = (BatteryWatch, HeartbeatWatch)
 STUCK_WATCH = (StuckWatch,)
+PATROL = (lambda: Patrol(waypoints=((0.0, 0.0), (2.0, 0.0)), rounds=1),)
+DOCKING = (DockAndCharge,)
+
+
+def _pose(x: float, *, back: bool) -> PoseStamped:
+    turned = Quaternion(z=1.0, w=0.0) if back else Quaternion()
+    return PoseStamped(pose=Pose(Point(x=x), turned))
+
 
 WORLDS: Mapping[tuple[Any, ...], Mapping[Any, tuple[Any, ...]]] = {
     COMMANDS: {TELEOP: (AHEAD,), AUTONOMY: (BACK,)},
@@ -78,6 +109,11 @@ WORLDS: Mapping[tuple[Any, ...], Mapping[Any, tuple[Any, ...]]] = {
         HEARTBEAT: (Bool(True),),
     },
     STUCK_WATCH: {CMD_VEL: (REST, AHEAD), VELOCITY: (REST, AHEAD)},
+    PATROL: {POSE: tuple(_pose(x, back=back) for x in (0.0, 1.0, 2.0) for back in (False, True))},
+    DOCKING: {
+        LEVEL: tuple(map(BatteryLevel, Level)),
+        BATTERY: (BatteryState(percentage=0.5), BatteryState(percentage=1.0)),
+    },
 }
 """The messages that the sensors may read in a proof, of each arrangement."""
 
@@ -146,4 +182,30 @@ silence_is_noticed = never(
 needs_a_command = never(lambda v: v.StuckWatch.command == REST and v.StuckWatch.state == "STUCK")
 stuck_after_a_wait = step(
     lambda before, after: (before.StuckWatch.state, after.StuckWatch.state) != ("FREE", "STUCK")
+)
+
+# Going round, and going home
+
+blind_rests = never(lambda v: v.Patrol.pose is None and v[AUTONOMY] != REST)
+turns_on_the_spot = never(lambda v: v.Patrol.state == "TURN" and v[AUTONOMY].linear.x != 0)
+waypoints_in_order = step(
+    lambda before, after: (
+        before.Patrol.target == after.Patrol.target or before.Patrol.state == "AT_WAYPOINT"
+    )
+)
+each_waypoint_is_reached = reachable(lambda v: v.Patrol.state == "DONE")
+a_low_robot_docks = step(
+    lambda before, after: (
+        (before.DockAndCharge.state, after.DockAndCharge.state) != ("WORKING", "WORKING")
+        or after.DockAndCharge.level.level not in (Level.LOW, Level.CRITICAL)
+    )
+)
+leaves_charged = step(
+    lambda before, after: (
+        (before.DockAndCharge.state, after.DockAndCharge.state) != ("CHARGING", "WORKING")
+        or after.DockAndCharge.battery.percentage >= 0.95
+    )
+)
+charging_is_reached = reachable(
+    lambda v: v.DockAndCharge.state == "CHARGING" and v[DOCK].data and v.DockAndCharge.docked.data
 )

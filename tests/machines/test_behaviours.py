@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf, nan
+from math import cos, inf, nan, sin
 from typing import Any
 
 import pytest
@@ -18,9 +18,13 @@ from llfsm.machines.behaviours import (
     BOOLS,
     BUTTON,
     CMD_VEL,
+    DOCK,
+    DOCK_FAILED,
+    DOCKED,
     EMERGENCY,
     INPUT,
     LEVEL,
+    POSE,
     RANGE,
     RESET,
     REST,
@@ -31,19 +35,28 @@ from llfsm.machines.behaviours import (
     BatteryWatch,
     CollisionStop,
     CommandArbiter,
+    DockAndCharge,
     EmergencyStop,
     Level,
+    Patrol,
     Ramp,
     ScanCollisionStop,
     SpeedLimit,
     StuckWatch,
 )
 from llfsm.machines.properties import behaviours as proved
-from llfsm.runtime import Arrangement, Machine, ManualClock
+from llfsm.runtime import Arrangement, ExecutionError, Machine, ManualClock
 from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.verification import Property, explore
 from llfsm.whiteboard.local import LocalBoard
-from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.geometry_msgs import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Twist,
+    Vector3,
+)
 from llfsm.whiteboard.messages.sensor_msgs import BatteryState, LaserScan, Range
 from llfsm.whiteboard.messages.std_msgs import Bool
 
@@ -62,6 +75,13 @@ STUDIES: Mapping[tuple[Any, ...], list[Property]] = {
         proved.critical_is_not_good, proved.level_keeps_its_distance, proved.silence_is_noticed,
     ],
     proved.STUCK_WATCH: [proved.needs_a_command, proved.stuck_after_a_wait],
+    proved.PATROL: [
+        proved.blind_rests, proved.turns_on_the_spot, proved.waypoints_in_order,
+        proved.each_waypoint_is_reached,
+    ],
+    proved.DOCKING: [
+        proved.a_low_robot_docks, proved.leaves_charged, proved.charging_is_reached,
+    ],
 }  # fmt: skip
 
 
@@ -112,7 +132,7 @@ class Simulated:
 SLOTS: dict[str, Any] = {
     "button": BUTTON, "reset": RESET, "emergency": EMERGENCY, "teleop": TELEOP,
     "autonomy": AUTONOMY, "input": INPUT, "range": RANGE, "scan": SCAN, "battery": BATTERY,
-    "velocity": VELOCITY, "cmd_vel": CMD_VEL,
+    "velocity": VELOCITY, "cmd_vel": CMD_VEL, "pose": POSE, "docked": DOCKED,
 }  # fmt: skip
 
 
@@ -229,6 +249,97 @@ def test_a_robot_that_does_not_move_is_stuck_after_two_seconds() -> None:
     assert robot.board.get_message(STUCK).data
     robot.go_on(300, cmd_vel=ahead(1), velocity=ahead(0.5))
     assert not robot.board.get_message(STUCK).data
+
+
+class Rover:
+    """A robot on a plane that does what is commanded."""
+
+    def __init__(self, robot: Simulated) -> None:
+        self.robot = robot
+        self.x = self.y = self.heading = 0.0
+        self.been: list[tuple[float, float]] = []
+
+    def go_on(self, ms: float) -> None:
+        for _ in range(round(ms / PERIOD_MS)):
+            turned = Quaternion(z=sin(self.heading / 2), w=cos(self.heading / 2))
+            self.robot.go_on(pose=PoseStamped(pose=Pose(Point(self.x, self.y), turned)))
+            command = self.robot.board.get_message(AUTONOMY)
+            step = command.linear.x * PERIOD_MS / 1e3
+            self.x += step * cos(self.heading)
+            self.y += step * sin(self.heading)
+            self.heading += command.angular.z * PERIOD_MS / 1e3
+            if self.robot.arrangement.states().get("Patrol") == "AT_WAYPOINT":
+                self.been.append((round(self.x, 0), round(self.y, 0)))
+
+
+def waypoints_of(rover: Rover) -> list[tuple[float, float]]:
+    return [at for at, before in zip(rover.been, [None, *rover.been], strict=False) if at != before]
+
+
+def test_a_patrol_goes_to_each_waypoint_in_order() -> None:
+    corners = ((2.0, 0.0), (2.0, 2.0), (-1.0, 1.0))
+    robot = Simulated(Patrol(waypoints=corners, rounds=2))
+    rover = Rover(robot)
+    rover.go_on(120_000)
+    assert waypoints_of(rover) == [*corners, *corners]
+    assert robot.arrangement.states() == {}  # it is done
+    assert robot.board.get_message(AUTONOMY) == REST
+
+
+def test_a_patrol_without_a_pose_rests_and_goes_on_to_the_same_waypoint() -> None:
+    robot = Simulated(Patrol(waypoints=((3.0, 0.0), (0.0, 0.0))))
+    rover = Rover(robot)
+    rover.go_on(3000)
+    assert robot.board.get_message(AUTONOMY).linear.x > 0
+    robot.go_on(1000)
+    assert robot.board.get_message(AUTONOMY) == REST
+    rover.go_on(12_000)
+    assert waypoints_of(rover) == [(3, 0)]
+
+
+def test_a_patrol_without_waypoints_names_how_to_give_them() -> None:
+    robot = Simulated(Patrol)
+    with pytest.raises(ExecutionError, match=r"no waypoints; give them as in Patrol\(waypoints="):
+        robot.go_on(500)
+
+
+@given(st.lists(st.sampled_from(["suspend", "resume", "restart", None]), max_size=30))
+def test_a_patrol_that_does_not_run_leaves_the_robot_at_rest(requests: list[str | None]) -> None:
+    robot = Simulated(Patrol(waypoints=((9.0, 0.0),)))
+    for request in requests:
+        if request is not None:
+            getattr(robot.arrangement, request)("Patrol")
+        robot.go_on(pose=PoseStamped())
+        if robot.arrangement.is_suspended("Patrol"):
+            assert robot.board.get_message(AUTONOMY) in (None, REST)
+    robot.go_on(500, pose=PoseStamped())
+    robot.arrangement.unload("Patrol")
+    assert robot.board.get_message(AUTONOMY) in (None, REST)
+
+
+def test_a_low_robot_stays_at_its_dock_until_it_is_charged() -> None:
+    robot, (off, on) = Simulated(BatteryWatch, DockAndCharge), BOOLS
+    wanted = lambda: robot.board.get_message(DOCK).data  # noqa: E731
+    robot.go_on(1000, battery=BatteryState(percentage=0.5), docked=off)
+    assert not wanted()
+    robot.go_on(1000, battery=BatteryState(percentage=0.2), docked=off)
+    assert wanted()
+    robot.go_on(1000, battery=BatteryState(percentage=0.7), docked=on)
+    assert wanted()  # it is not low any more, but not full
+    robot.go_on(1000, battery=BatteryState(percentage=0.96), docked=on)
+    assert not wanted()
+
+
+def test_a_robot_that_does_not_reach_its_dock_reports_it_until_it_does() -> None:
+    robot, (off, on) = Simulated(BatteryWatch, DockAndCharge), BOOLS
+    failed = lambda: robot.board.get_message(DOCK_FAILED)  # noqa: E731
+    robot.go_on(119_000, battery=BatteryState(percentage=0.2), docked=off)
+    assert failed() is None
+    robot.go_on(3000, battery=BatteryState(percentage=0.2), docked=off)
+    assert failed() == Bool(True)
+    assert robot.board.get_message(DOCK) == Bool(True)
+    robot.go_on(500, battery=BatteryState(percentage=0.2), docked=on)
+    assert failed() == Bool(False)
 
 
 DRIVERS = [CommandArbiter, SpeedLimit, Ramp, CollisionStop, ScanCollisionStop]
