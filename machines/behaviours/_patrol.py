@@ -1,6 +1,6 @@
 """A round over waypoints, in the plane."""
 
-from math import atan2, copysign, hypot, pi
+from math import atan2, copysign, cos, hypot, sin
 
 from llfsm.machines.behaviours._slots import AUTONOMY, REST
 from llfsm.runtime import Actuator, Machine, Sensor, State
@@ -51,19 +51,22 @@ class Patrol(Machine):
         """Return the distance to the waypoint; without a pose, 0."""
         if self.pose is None:
             return 0.0
-        at, (x, y) = self.pose.pose.position, self.waypoints[self.target]
-        return hypot(x - at.x, y - at.y)
+        at = self.pose.pose.position
+        to = self.waypoints[self.target]
+        return hypot(to[0] - at.x, to[1] - at.y)
 
     def heading_error(self) -> float:
         """Return by which angle to turn left to face the waypoint: -pi to pi; without a pose, 0."""
         if self.pose is None:
             return 0.0
-        at, (x, y) = self.pose.pose.position, self.waypoints[self.target]
+        at = self.pose.pose.position
+        to = self.waypoints[self.target]
         turned = self.pose.pose.orientation
         heading = atan2(
             2 * (turned.w * turned.z + turned.x * turned.y), 1 - 2 * (turned.y**2 + turned.z**2)
         )
-        return (atan2(y - at.y, x - at.x) - heading + pi) % (2 * pi) - pi
+        error = atan2(to[1] - at.y, to[0] - at.x) - heading
+        return atan2(sin(error), cos(error))
 
     def is_lost(self) -> bool:
         """True if the pose is not known."""
