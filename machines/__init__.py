@@ -19,6 +19,7 @@ from llfsm.machines.behaviours import (
     StuckWatch,
 )
 from llfsm.machines.blind_turtle import RosBlindTurttleBot
+from llfsm.machines.calls import CallAction, CallFailedError, CallService
 from llfsm.machines.combinators import (
     Cooldown,
     Fallback,
@@ -41,6 +42,9 @@ from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
     "BatteryWatch",
+    "CallAction",
+    "CallFailedError",
+    "CallService",
     "CollisionStop",
     "CommandArbiter",
     "Cooldown",

@@ -150,6 +150,7 @@ _CANCEL_S = 1.0  # for a cancellation at the bridge's end to be answered
 class _Goal:
     number: int
     will: SenderWill | None = None
+    posted_ns: int = 0
     key: bytes = field(default_factory=lambda: uuid4().bytes)
     status: GoalStatus = GoalStatus.UNKNOWN
     is_to_cancel: bool = False  # asked before the server has answered
@@ -210,7 +211,7 @@ class SlotActionClient(SlotAction):
             text = f"{lost} of the goals were replaced by newer ones before they were sent"
             self._link.report_fault(text, "lost")
         will = SenderWill(self._board, sample, self._slots.cancel.name)
-        goal = self._goal = _Goal(sample.message.number, will)
+        goal = self._goal = _Goal(sample.message.number, will, sample.stamp_ns)
         try:
             message = from_slot(self._slots.of.goal, sample.message)
             call = self._client.send_goal(goal.key, message, self._timeout)
@@ -221,7 +222,10 @@ class SlotActionClient(SlotAction):
 
     def _take_cancel(self, sample: Sample[CancelGoal]) -> None:
         goal, number = self._goal, sample.message.number
-        if goal is not None and not goal.is_over and number in (0, goal.number):
+        if goal is None or goal.is_over:
+            return
+        # Slots have no order among each other: one for any goal is not for those posted after it.
+        if number == goal.number or (number == 0 and sample.stamp_ns >= goal.posted_ns):
             self._cancel_wanted(goal)
 
     def _cancel_wanted(self, goal: _Goal) -> None:

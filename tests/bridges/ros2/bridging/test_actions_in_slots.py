@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
@@ -117,6 +118,41 @@ def test_a_cancellation_before_the_answer_is_not_lost(board, bridge, navigator, 
     board.add_message(SLOTS.cancel, CancelGoal())
     wait_for(lambda: len(done) > before)
     client.stands(GoalStatus.CANCELING)
+
+
+def test_a_cancellation_before_a_goal_does_not_cancel_that_one(
+    board, bridge, navigator, monkeypatch
+):
+    """Also if the bridge finds the goal first: a machine ends, and the next one sends a goal."""
+    held, canceled, cancel_goal = None, [], ActionClient.cancel_goal
+
+    def note(self, key, timeout):
+        canceled.append(key)
+        return cancel_goal(self, key, timeout)
+
+    class HoldingTimer(TimerThread):
+        def call_soon(self, do):
+            if held is None:
+                super().call_soon(do)
+            else:
+                held.append(partial(super().call_soon, do))
+
+    monkeypatch.setattr(bridge_module, "TimerThread", HoldingTimer)
+    monkeypatch.setattr(ActionClient, "cancel_goal", note)
+    client = Client(board, bridge(timeout=PATIENCE_S), navigator)
+    client.drives()
+    held = []
+    board.add_message(SLOTS.cancel, CancelGoal())
+    wait_for(lambda: held)
+    client.send()
+    wait_for(lambda: len(held) > 1)
+    found, held = held, None
+    for handle in reversed(found):
+        handle()
+    navigator.until(lambda: len(navigator.begun) == 2)
+    navigator.begun[-1].end(GoalStatus.SUCCEEDED, OF.result.message())
+    client.stands(GoalStatus.SUCCEEDED)
+    assert canceled == []
 
 
 def test_a_server_that_does_not_cancel_is_reported(client, board, navigator):

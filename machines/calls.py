@@ -1,0 +1,150 @@
+"""Calls of actions and services as machines, for a state to run: done, or failed with the reason.
+
+They use the slots that a bridge connects with ROS (docs/how-to/ros2-actions.md), and need no ROS
+themselves: a test or a proof answers in the same slots. Nothing blocks. A machine posts its goal or
+its request, and its transitions look for the answer in each turn; whoever leaves the state that
+runs it, suspends it or kills its process cancels its goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from msgspec.structs import replace
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.machine import define
+from llfsm.runtime.goals import CancelGoal, GoalStanding
+from llfsm.whiteboard import Message, Slot
+
+__all__ = ["CallAction", "CallFailedError", "CallService"]
+
+Asked = Message | Callable[[Any], Message]
+
+
+class CallFailedError(LlfsmError):
+    """An action or a service was refused, failed, or took too long; the text has the reason."""
+
+
+class Action(Protocol):
+    """The slots of an action, as `llfsm.bridges.ros2.bridging.action_slots` makes them."""
+
+    @property
+    def goal(self) -> Slot[Any]: ...
+
+    @property
+    def cancel(self) -> Slot[CancelGoal]: ...
+
+    @property
+    def status(self) -> Slot[GoalStanding]: ...
+
+
+class Service(Protocol):
+    """The slots of a service, as `llfsm.bridges.ros2.bridging.service_slots` makes them."""
+
+    @property
+    def request(self) -> Slot[Any]: ...
+
+    @property
+    def answer(self) -> Slot[Any]: ...
+
+
+def CallAction(  # noqa: N802  # makes classes
+    action: Action, goal: Asked, timeout_ms: float = 60_000, *, name: str = "CallAction"
+) -> type[Machine]:
+    """Make a machine that sends a goal, and is done when that has succeeded.
+
+    `goal` is a message of the action's goal slot, or a function of the machine that makes one when
+    it begins; the machine numbers it. The machine fails with :class:`CallFailedError` if the goal
+    is refused, canceled or aborted, or has not ended within `timeout_ms`. Its goal is canceled
+    however the machine ends before that.
+    """
+
+    def send(self: Any) -> None:
+        self.number = max(self.sent.number, self.standing.number) + 1
+        self.send(replace(_made(goal, self), number=self.number))
+
+    def fail(self: Any) -> None:
+        standing = self.standing
+        why = f": {standing.failure}" if standing.failure else ""
+        raise CallFailedError(
+            f"{action.goal.name}: the goal was {standing.status.name.lower()}{why}"
+        )
+
+    return _caller(
+        name,
+        (action.goal.name, timeout_ms),
+        (send, fail),
+        succeeded=lambda self: self.standing.has_succeeded(self.number),
+        failed=lambda self: self.standing.has_failed(self.number),
+        sent=Sensor(action.goal, default=action.goal.type()),
+        standing=Sensor(action.status, default=GoalStanding()),
+        send=Actuator(action.goal),
+        cancel=Actuator(action.cancel, at_end=CancelGoal()),
+    )
+
+
+def CallService(  # noqa: N802
+    service: Service, request: Asked, timeout_ms: float = 5_000, *, name: str = "CallService"
+) -> type[Machine]:
+    """Make a machine that posts a request to a service, and is done when the answer is there.
+
+    `request` is a message of the service's request slot, or a function of the machine that makes
+    one when it begins; the machine numbers it. What the answer says is for the caller to read, from
+    the service's answer slot. The machine fails with :class:`CallFailedError` if the bridge reports
+    a failure, or no answer came within `timeout_ms`. A request that is on its way is not taken back
+    when the machine ends.
+    """
+
+    def send(self: Any) -> None:
+        self.number = max(self.sent.number, self.answer.number) + 1
+        self.send(replace(_made(request, self), number=self.number))
+
+    def fail(self: Any) -> None:
+        raise CallFailedError(f"{service.request.name}: {self.answer.failure}")
+
+    return _caller(
+        name,
+        (service.request.name, timeout_ms),
+        (send, fail),
+        succeeded=lambda self: self.answer.number == self.number and not self.answer.failure,
+        failed=lambda self: self.answer.number == self.number and self.answer.failure != "",
+        sent=Sensor(service.request, default=service.request.type()),
+        answer=Sensor(service.answer, default=service.answer.type()),
+        send=Actuator(service.request),
+    )
+
+
+def _made(asked: Asked, machine: Any) -> Message:
+    return asked if isinstance(asked, Message) else asked(machine)
+
+
+def _caller(
+    name: str,
+    call: tuple[str, float],
+    actions: tuple[Callable[[Any], None], Callable[[Any], None]],
+    succeeded: Callable[[Any], bool],
+    failed: Callable[[Any], bool],
+    **attributes: Any,
+) -> type[Machine]:
+    slot, timeout_ms = call
+    if not isinstance(timeout_ms, int | float) or isinstance(timeout_ms, bool) or timeout_ms <= 0:
+        raise DefinitionError(f"{name}: timeout_ms is {timeout_ms!r}; it must be above 0")
+    calling, wrong, late, done = (State(each) for each in ("CALLING", "FAILED", "LATE", "DONE"))
+    send, fail = actions
+    calling.on_entry(send)
+    calling.to(done, when=succeeded, label="succeeded")
+    calling.to(wrong, when=failed, label="failed")
+    calling.to(late, after_ms=timeout_ms)
+    wrong.on_entry(fail)
+
+    @late.on_entry
+    def give_up(_: Any) -> None:
+        raise CallFailedError(f"{slot}: no answer within {timeout_ms:g} ms")
+
+    path = f"{__name__}:{name}({slot})"
+    states = [calling, wrong, late, done]
+    return define(name, states, variables={"number": (int, 0)}, attributes=attributes, path=path)
