@@ -237,27 +237,9 @@ static PyObject *board_readings(Board *self, PyObject *unused)
     return is_open(self, self->path) ? PyLong_FromUnsignedLong(lwb_readings(&self->board)) : NULL;
 }
 
-/* read(): the names of the slots that any process reads. */
-static PyObject *board_read(Board *self, PyObject *unused)
+/* The names of the slots that any process reads, or of those that nobody has given up. */
+static PyObject *board_names(Board *self, bool living)
 {
-    (void)unused;
-    if (!is_open(self, self->path))
-        return NULL;
-    uint64_t offset;
-    int status;
-    self->users++; /* as in slots() */
-    PyObject *list = PyList_New(0);
-    for (int i = 0; list && lwb_slot_at(&self->board, i, &offset, &status); i++)
-        if (lwb_is_read(&self->board, i) && !append_name(self, list, i))
-            Py_CLEAR(list);
-    board_leave(self);
-    return list;
-}
-
-/* living(): the names of the slots that nobody has given up. */
-static PyObject *board_living(Board *self, PyObject *unused)
-{
-    (void)unused;
     if (!is_open(self, self->path))
         return NULL;
     uint64_t offset;
@@ -267,11 +249,26 @@ static PyObject *board_living(Board *self, PyObject *unused)
     struct lwb_record *r;
     for (int i = 0; list && (r = lwb_slot_at(&self->board, i, &offset, &status)); i++) {
         uint64_t life = atomic_load_explicit(&r->life, memory_order_relaxed);
-        if (lwb_state_of(life) != LWB_VACANT && !append_name(self, list, i))
+        bool chosen = living ? lwb_state_of(life) != LWB_VACANT : lwb_is_read(&self->board, i);
+        if (chosen && !append_name(self, list, i))
             Py_CLEAR(list);
     }
     board_leave(self);
     return list;
+}
+
+/* read(): the names of the slots that any process reads. */
+static PyObject *board_read(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return board_names(self, false);
+}
+
+/* living(): the names of the slots that nobody has given up. */
+static PyObject *board_living(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return board_names(self, true);
 }
 
 /* vacate(name): give up the name of a slot, if there is one. */

@@ -14,7 +14,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from llfsm.whiteboard import BoardVersionError, Slot, SlotTypeError, Whiteboard
+from llfsm.whiteboard import BoardVersionError, Slot, SlotNotFoundError, SlotTypeError, Whiteboard
+from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.std_msgs import Int32, Int64
 from own_boards import own_board
 from thoroughness import examples
@@ -85,6 +86,25 @@ def test_a_handle_of_a_former_name_is_empty_and_makes_its_slot_anew(board: White
     assert new.get() is None
     assert new.add(Int64(8)) == 1
     assert names(board) == ["name/3", "name/1", "name/2"]
+
+
+def test_the_living_are_those_that_nobody_has_given_up(board: Whiteboard) -> None:
+    for number in (1, 2):
+        board.publisher(numbered(number)).add(Int64(number))
+    board.vacate(numbered(1))
+    assert board.living() == ["name/2"]
+    board[numbered(1)].reserve()
+    assert sorted(board.living()) == ["name/1", "name/2"]
+
+
+@pytest.mark.parametrize("kind", ["shared", "local"])
+def test_a_handle_that_is_to_make_nothing_makes_nothing(board: Whiteboard, kind: str) -> None:
+    either = board if kind == "shared" else LocalBoard()
+    with pytest.raises(SlotNotFoundError, match="has no slot 'name/1'"):
+        either.publisher(numbered(1), make=False)
+    assert either.slots() == []
+    either.add_message(numbered(1), Int64(1))
+    assert either.publisher(numbered(1), make=False).get() == Int64(1)
 
 
 def test_adding_or_reserving_keeps_a_name_that_was_given_up(board: Whiteboard) -> None:

@@ -261,6 +261,9 @@ class Arrivals:
         name = value.slot
         if not (self.routes.enters(name) and self._is_timely(source, value)):
             return
+        held = self._held.get(name)
+        if held is not None and held.value.version <= value.version:
+            del self._held[name]  # it would take the name back
         route = self._existing(name)
         if route is None:
             return

@@ -31,7 +31,7 @@ def test_a_run_by_another_time_than_the_schedules_is_noticed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     run = RealRun(WAITING, unload_accepting=True, period_ms=5, on_error="stop", seed=1)
-    assert assert_real_run_contained(run, most=1_000, rounds=200, busy=True)
+    assert assert_real_run_contained(run, most=1_000, rounds=200)
     monkeypatch.setattr(Environment, "is_due", lambda self, due_ns: None)
 
     def run_again() -> None:

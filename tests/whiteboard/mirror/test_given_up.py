@@ -134,6 +134,17 @@ def test_who_may_not_add_may_not_end(tmp_path: Path, settings: dict[str, object]
         assert theirs.living() == {"number"}
 
 
+def test_a_message_that_is_held_back_does_not_take_the_name_back(tmp_path: Path) -> None:
+    with parts(tmp_path) as (_, theirs):
+        for number, payload in enumerate((Number(1), Number(2), Number(3), Number(4), b""), 1):
+            time = 10**12 + min(number, 4)
+            theirs.exchange.receive_batch(batch(number, message=payload, time=time))
+        assert theirs.exchange.status().held_back > 0
+        theirs.now_ns += 10**9
+        theirs.exchange.enter_held()
+        assert theirs.living() == set()
+
+
 def test_an_end_too_far_ahead_is_refused(tmp_path: Path) -> None:
     with parts(tmp_path) as (_, theirs):
         theirs.exchange.receive_batch(batch(1))
