@@ -19,6 +19,7 @@ WITHOUT_EXTENSIONS = Path(__file__).parents[1] / "without_extensions"
 # page is ended when the page was loaded once, the demo when its machine has left its first state.
 PROGRAM = """
 import asyncio, importlib, json, os, select, shutil, signal, sys, tempfile, threading, time
+import traceback
 import urllib.request
 lacking = {
     os: ["posix_fallocate", "pidfd_open", "sched_getaffinity", "sched_setaffinity",
@@ -81,7 +82,9 @@ click.echo = echoed
 for words in json.loads(sys.argv[2]):
     pages.clear()
     done = CliRunner().invoke(main, words)
-    print(json.dumps([done.exit_code, done.output, pages]), flush=True)
+    has_crashed = not isinstance(done.exception, (SystemExit, type(None)))
+    crash = "".join(traceback.format_exception(done.exception)) if has_crashed else ""
+    print(json.dumps([done.exit_code, done.output + crash, pages]), flush=True)
 """
 
 
