@@ -41,10 +41,20 @@ from llfsm.runtime.engine.state import State, Transition
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.submachine import Submachine, Submachines
 from llfsm.runtime.engine.table import REQUIRED, Table, Variable, variable
+from llfsm.runtime.engine.waiting import Waiting
 from llfsm.runtime.presence.live import LiveEnvironment
 
-# An arrangement on a whiteboard is seen and controlled by other processes. The engine knows none.
+
+def _analysis(table: Table, state: State) -> Waiting:
+    from llfsm.runtime.expressions.waiting import waiting_in  # here, as it costs much to import
+
+    return waiting_in(table, state)
+
+
+# An arrangement on a whiteboard is seen and controlled by other processes, and what its machines
+# wait for is found in their texts. The engine knows neither.
 Arrangement.live = LiveEnvironment
+Arrangement.analysis = staticmethod(_analysis)
 
 __all__ = [
     "KEEP",

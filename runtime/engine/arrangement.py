@@ -28,6 +28,7 @@ from llfsm.runtime.engine.watchdog import stop_by_signal
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.statistics import MachineStatistics
+    from llfsm.runtime.engine.waiting import Analysis
     from llfsm.whiteboard import Board, Message
 
 M = TypeVar("M", bound=Machine)
@@ -67,6 +68,8 @@ class Arrangement:
 
     live: ClassVar[type[BoardEnvironment]] = BoardEnvironment
     """The environment on a whiteboard; `llfsm.runtime` puts in the one that others can see."""
+    analysis: ClassVar[Analysis | None] = None
+    """What finds out what machines wait for, which `llfsm.runtime` puts in. Without it all poll."""
 
     def __init__(
         self,
@@ -212,7 +215,7 @@ class Arrangement:
         with stop_on_signals(partial(stop_by_signal, kernel), kernel.critical):
             try:
                 kernel.attendant = kernel.environment.attend(self)
-                execution = Execution(self.control, pace)
+                execution = Execution(self.control, pace, type(self).analysis)
                 kernel.runs = True
                 reason = execution.run(max_rounds)
             except Exception:

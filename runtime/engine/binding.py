@@ -11,6 +11,7 @@ from collections.abc import Callable
 from math import floor
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+from llfsm.runtime.engine.clock import FOREVER
 from llfsm.runtime.engine.events import Eval, Event, Section
 from llfsm.runtime.engine.nest import Nest, Nested
 from llfsm.runtime.engine.ringlet import BoundState, BoundTransition
@@ -54,7 +55,6 @@ class Bindable(Nested, Protocol):
         """Post the safe values of the machine's actuators."""
 
 
-_FOREVER_NS = 2**63 - 1  # by any clock
 _ON_SUSPEND = SECTIONS.index("OnSuspend")
 
 
@@ -124,7 +124,7 @@ def _transition(seat: Bindable, state: State, number: int) -> BoundTransition:
     guard, target = _guard(transition), transition.target
     after_ms, limit_ns = transition.after_ms, None
     if after_ms is not None:
-        limit_ns = floor(min(after_ms * 1_000_000, _FOREVER_NS))
+        limit_ns = floor(min(after_ms * 1_000_000, FOREVER))
 
     def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
         value = guard is None or guard(machine)

@@ -12,6 +12,8 @@ from llfsm.runtime.engine.errors import ClockError
 
 NEVER: Final = -(2**63)
 """Instead of a time or a duration in nanoseconds: there has been none, or none is planned."""
+FOREVER: Final = 2**63 - 1
+"""A time in nanoseconds that no clock reaches."""
 
 
 class Clock:

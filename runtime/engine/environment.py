@@ -32,7 +32,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from llfsm.errors import LlfsmError
-from llfsm.runtime.engine.clock import Clock, MonotonicClock
+from llfsm.runtime.engine.clock import Clock, ManualClock, MonotonicClock
 from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
 
 if TYPE_CHECKING:
@@ -90,15 +90,16 @@ class News:
             publisher.retire()
         self._is_current = False
 
-    def sleep_until_ns(self, deadline_ns: int) -> bool:
+    def sleep_until_ns(self, deadline_ns: int, *, heeds_own: bool = False) -> bool:
         """Sleep until then or until there is news or a `wake`, and return whether there was.
 
-        The end of the board is news, but ends no sleep.
+        The end of the board is news, but ends no sleep. What machines have posted since the last
+        sleep is none, unless `heeds_own`.
         """
         if not self._is_current:
             self._update()
         seen = self._seen
-        for reader, publisher in self._own:
+        for reader, publisher in self._own if not heeds_own else ():
             seen[reader] = max(seen[reader], publisher.added)
         left_s = max(deadline_ns - self._clock.now_ns(), 0) / 1e9
         if self._clock.nap_s is not None and left_s:
@@ -367,6 +368,18 @@ class Environment:
         """
         return partial(otherwise, 0)
 
+    @property
+    def may_wait(self) -> bool:
+        """True if `wait_until_ns` may sleep for long: all that is new for the machines ends it."""
+        return type(self.clock) is ManualClock
+
+    def wait_until_ns(self, deadline_ns: int) -> bool:
+        """Sleep as `sleep_until_ns` does, after a round in which no machine has posted anything.
+
+        So what one posts now, as from a thread of its own, is new for the others.
+        """
+        return self.sleep_until_ns(deadline_ns)
+
     def wake(self) -> None:
         """Let the sleep end, or the next one; from any thread, and from a signal's handler."""
         self._woken = True
@@ -482,6 +495,17 @@ class BoardEnvironment(Environment):
         if self.clock.passes or self.clock.nap_s is not None:
             return self.news.sleep_until_ns(deadline_ns)
         return super().sleep_until_ns(deadline_ns)
+
+    @property
+    def may_wait(self) -> bool:
+        """True by the host's clock, which the board's waiter knows, and by a `ManualClock`."""
+        return type(self.clock) is MonotonicClock or super().may_wait
+
+    def wait_until_ns(self, deadline_ns: int) -> bool:
+        """Sleep until `deadline_ns`, or until there is a message that no machine has read."""
+        if self.clock.passes:
+            return self.news.sleep_until_ns(deadline_ns, heeds_own=True)
+        return super().wait_until_ns(deadline_ns)
 
     def doze(
         self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]

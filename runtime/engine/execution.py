@@ -2,8 +2,9 @@
 
 Two loops alternate. `_run` looks after everything after each round: statuses, requests, the world,
 the end. Where a round has changed nothing, and all is published, `Kernel.rest` gives rounds with
-no more than a sleep between them, until something changes or is due: a machine that waits does
-this a hundred times a second, and pays for little else.
+no more than a sleep between them, until something changes or is due: a machine that is polled does
+this a hundred times a second, and pays for little else. Where all machines wait, as `waiting`
+describes, that sleep lasts until something can change; with a period, rounds are passed over.
 """
 
 from __future__ import annotations
@@ -12,18 +13,24 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
+from llfsm.runtime.engine.clock import FOREVER
 from llfsm.runtime.engine.events import IdleSleep, Reason
 from llfsm.runtime.engine.realtime import collect_if_due, in_real_time
+from llfsm.runtime.engine.waiting import Stillness
 from llfsm.runtime.engine.watchdog import Watchdog
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Control
+    from llfsm.runtime.engine.schedule import Pacer
+    from llfsm.runtime.engine.waiting import Analysis
 
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
 _EARLY_NS = 100_000  # before a turn in real time, to have what it needs in the caches
-_FOREVER_NS = 2**63 - 1
 _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
+_WAIT_NS = 500_000_000  # machines that wait have a round at least so often
+_PATIENCE_NS = 200_000_000  # before it is found out whether machines that are idle wait
+_PART = 50  # of the time that passes, the part that may be spent on finding that out
 
 
 class Pace(NamedTuple):
@@ -47,7 +54,7 @@ class Execution:
     A machine that has failed waits for such a request, if one can come.
     """
 
-    def __init__(self, control: Control, pace: Pace):
+    def __init__(self, control: Control, pace: Pace, analysis: Analysis | None = None):
         self._control = control
         self._kernel = control.kernel
         self._pace = pace
@@ -60,6 +67,14 @@ class Execution:
         self._last_round: int | None = None
         self._slumber: Callable[[], bool] = self._doze  # sleeps between rounds that change nothing
         self._attendant = self._kernel.attendant
+        self._stillness: Stillness | None = None
+        may_wait = pace.wake and pace.priority is None and self._kernel.environment.may_wait
+        if analysis is not None and may_wait:
+            self._stillness = Stillness(self._kernel, analysis)
+        self._is_polled = False  # whether a machine is polled in the rest under way
+        self._check_ns = self._now()  # when to find out whether all wait
+        if self._clock.passes:
+            self._check_ns += _PATIENCE_NS
         self._watchdog = None
         if pace.watchdog_ms is not None:
             self._watchdog = Watchdog(self._kernel, pace.watchdog_ms / 1e3)
@@ -109,6 +124,8 @@ class Execution:
             if finished:
                 return Reason.FAILED if failed else Reason.ACCEPTING
             rests = idle and not failed and self._may_rest()
+            if idle and not failed and self._kernel.pacer is not None:
+                self._pass_over_rounds(self._kernel.pacer)
 
     def _sleep_to_turn(self, due_ns: int) -> bool:
         """Sleep until a turn is due, also while stopping; False if there is to be none any more."""
@@ -142,8 +159,15 @@ class Execution:
         if not self._pace.wake or self._is_paced or self._clock.of_statuses() is not self._clock:
             return False
         attendant = self._attendant
-        self._due_ns = 0 if self._woken else _FOREVER_NS if attendant is None else attendant.due_ns
+        self._due_ns = 0 if self._woken else FOREVER if attendant is None else attendant.due_ns
         self._slumber, idle_ns = self._doze, self._pace.idle_us * 1_000
+        # A clock that stands still lets a limit be found out when it is needed.
+        looks = not self._clock.passes and self._stillness is not None
+        if looks or self._still_until_ns() > self._now() + idle_ns:
+            self._slumber, self._is_polled = self._wait, False
+            return True
+        if self._stillness is not None and self._clock.passes:
+            self._due_ns = min(self._due_ns, max(self._check_ns, self._now() + idle_ns))
         if self._due_ns and self._last_round is None and idle_ns <= _NAP_NS:
             self._slumber = kernel.environment.doze(idle_ns, self._due_ns, self._doze)
         return True
@@ -170,6 +194,89 @@ class Execution:
             if not woken:
                 self._sleep_on(deadline_ns)
         return True
+
+    def _still_until_ns(self) -> int:
+        """Return until when rounds change nothing, by the machines' time; 0 if the next one may.
+
+        To find it out is left out if it was too costly, or if it has not been worth it.
+        """
+        stillness, begin_ns = self._stillness, self._now()
+        if stillness is None or (begin_ns < self._check_ns and not stillness.has_just_looked):
+            return 0
+        if self._clock.passes and self._last_round is not None:  # each round is wanted
+            return 0
+        until_ns = stillness.until_ns()
+        if self._clock.passes:
+            end_ns = self._now()
+            pause_ns = _PART * (end_ns - begin_ns)
+            self._check_ns = end_ns + (pause_ns if until_ns else max(pause_ns, _PATIENCE_NS))
+        return until_ns
+
+    def _wait(self) -> bool:
+        """Sleep until a round may change something, as all machines wait; return as `_doze`."""
+        kernel, now_ns, stillness = self._kernel, self._now(), self._stillness
+        if stillness is None or self._is_polled:
+            return self._doze()
+        if now_ns >= self._due_ns:  # to publish again what holds is all that is due
+            self._look(idle=True)
+            self._due_ns = FOREVER if self._attendant is None else self._attendant.due_ns
+        kernel.look_at_world()
+        if kernel.stopping or kernel.reason is not None or kernel.rounds == self._last_round:
+            return False
+        until_ns, idle_ns = stillness.until_ns(), self._pace.idle_us * 1_000
+        # With a clock that stands still, nobody knows when a message comes that is waited for.
+        self._is_polled = until_ns in (0, FOREVER) if not self._clock.passes else not until_ns
+        if self._is_polled or until_ns <= now_ns + idle_ns or self._control.asked_to_stop:
+            return self._doze()
+        if not self._clock.passes:
+            rounds = self._rounds_until(until_ns, now_ns + idle_ns, idle_ns)
+            stillness.pass_over(rounds)
+            kernel.environment.clock.sleep_until_ns(now_ns + (rounds + 1) * idle_ns)
+            return True
+        if not self._sleep_soundly(min(until_ns, self._due_ns)):
+            self._due_ns = 0
+        kernel.show_stop()
+        return not kernel.observers
+
+    def _pass_over_rounds(self, pacer: Pacer) -> None:
+        """Sleep through the rounds that can change nothing, and count them."""
+        kernel, stillness, first_ns = self._kernel, self._stillness, pacer.next_ns
+        if stillness is None or first_ns is None or kernel.stopping or self._control.asked_to_stop:
+            return
+        until_ns = self._still_until_ns()
+        if not until_ns or not stillness.is_since_last_round():
+            return
+        if until_ns == FOREVER and not self._clock.passes:
+            return
+        rounds = self._rounds_until(until_ns, first_ns, pacer.cycle_ns)
+        if rounds and self._clock.passes:
+            begin_ns = first_ns + rounds * pacer.cycle_ns
+            end_ns = min(begin_ns, self._now() + _WAIT_NS)
+            if self._attendant is not None:
+                end_ns = min(end_ns, self._attendant.due_ns)
+            if end_ns > first_ns:
+                self._sleep_soundly(end_ns)
+            # What has come meanwhile is found in the first round that is due after it.
+            rounds = -(-(min(self._now(), end_ns) - first_ns) // pacer.cycle_ns)
+        if rounds > 0:
+            stillness.pass_over(rounds)
+            pacer.pass_over(rounds)
+            if not self._clock.passes:
+                kernel.environment.clock.sleep_until_ns(first_ns + rounds * pacer.cycle_ns)
+
+    def _rounds_until(self, until_ns: int, first_ns: int, cycle_ns: int) -> int:
+        """Count the rounds from `first_ns` on that are before `until_ns`, without the last one."""
+        rounds = -(-max(until_ns - first_ns, 0) // cycle_ns)
+        if self._last_round is None:
+            return rounds
+        return min(rounds, self._last_round - self._kernel.rounds - 1)
+
+    def _sleep_soundly(self, until_ns: int) -> bool:
+        """Sleep until then, or until there is news; return False if others have ended it."""
+        deadline_ns = min(until_ns, self._now() + _WAIT_NS)
+        woken = self._kernel.environment.wait_until_ns(deadline_ns)
+        obeyed = self._attendant is not None and self._attendant.obey()
+        return not obeyed and (woken or self._now() >= deadline_ns)
 
     def _report_sleep(self, duration_ns: int) -> None:
         if self._kernel.observers:

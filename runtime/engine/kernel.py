@@ -222,14 +222,13 @@ class Kernel(Rotation[Seat]):
         """The attendant of the run, if the environment has one."""
         self.achieved: tuple[int | None, int | None] = (None, None)
         """The priority of SCHED_FIFO that turns have, or had, in `run`, and their only core."""
-        self.observers = Observers()  # changed by `attach` and `detach`
         self.instrument: Instrument | None = None  # changed by `equip`
+        self.observers = Observers()  # changed by `attach` and `detach`
         self.emit = self.observers.emit
         self.critical = Critical()  # while safe values are posted
         self._leaving = []
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
-        self._turn = self.unobserved
-        self._gate = None
+        self._turn, self._gate = self.unobserved, None
         self.stopwatch: Stopwatch | None = None
         self.pacer: Pacer | None = None
         """The pacer, if rounds have a time; None if they begin when they are asked for."""
@@ -275,6 +274,8 @@ class Kernel(Rotation[Seat]):
         """Call `observer` with every event from now on; also while running."""
         self.observers.append(observer)
         self.bind_all()
+        if self.thread not in (None, get_ident()):
+            self.environment.wake()  # it is to see each round
 
     def detach(self, observer: Observer) -> None:
         """Call `observer` no more; also while running, and if it was not attached."""
@@ -477,8 +478,7 @@ class Kernel(Rotation[Seat]):
         if self.reason is not None:
             return
         self.critical.depth += 1
-        self.reason = reason
-        self._gate = self.refuse
+        self.reason, self._gate = reason, self.refuse
         for seat in self.roster:
             seat.finish()
         if self.attendant is not None:

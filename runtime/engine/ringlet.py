@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Request
     from llfsm.runtime.engine.state import Guard, SectionCode
     from llfsm.runtime.engine.statistics import MeterFields, Timing
+    from llfsm.runtime.engine.waiting import Waiting
 
 S = TypeVar("S", bound="SeatFields")
 
@@ -250,10 +251,11 @@ class BoundState(StateFields):
     It stays the same object while observers come and go; only what it holds is exchanged.
     """
 
-    __slots__ = ("name",)
+    __slots__ = ("name", "waiting")
 
     def __init__(self, name: str):
         self.name = name
+        self.waiting: Waiting | None = None  # what its machine waits for in it, once found out
         self.on_entry: SectionCode | None = None
         self.on_exit: SectionCode | None = None
         self.internal: SectionCode | None = None

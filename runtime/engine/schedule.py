@@ -151,7 +151,7 @@ class Pacer:
     ):
         self.skipped = 0
         self._begin_ns = 0  # of the round
-        self._cycle_ns = cycle_us * 1_000
+        self.cycle_ns = cycle_us * 1_000
         self._environment = environment
         environment.is_due(environment.clock.now_ns())
         self._stopwatch = stopwatch
@@ -168,14 +168,20 @@ class Pacer:
         now_ns = self._environment.clock.now_ns()
         begin_ns = now_ns if self.next_ns is None else self.next_ns
         behind_ns = now_ns - begin_ns
-        if behind_ns > max(_CATCH_UP_NS, self._cycle_ns):
-            lost = behind_ns // self._cycle_ns
-            begin_ns += lost * self._cycle_ns
+        if behind_ns > max(_CATCH_UP_NS, self.cycle_ns):
+            lost = behind_ns // self.cycle_ns
+            begin_ns += lost * self.cycle_ns
             self.skipped += lost
             logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
-        self.next_ns = begin_ns + self._cycle_ns
+        self.next_ns = begin_ns + self.cycle_ns
         self._begin_ns = begin_ns
         return self.wait(begin_ns, self.next_ns, self._lateness)
+
+    def pass_over(self, rounds: int) -> None:
+        """Let the next rounds be over: they would have changed nothing."""
+        assert self.next_ns is not None
+        self._environment.is_due(self.next_ns + (rounds - 1) * self.cycle_ns)
+        self.next_ns += rounds * self.cycle_ns
 
     def turns(self, seats: Mapping[str, S]) -> Iterator[S | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
+from math import floor
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from llfsm.errors import LlfsmError, did_you_mean
@@ -471,6 +472,14 @@ class Seat(SeatFields):
                 for each, read, default in self.sensors
             )
         return aged.age_ns()
+
+    def freshness_ns(self, name: str) -> int | None:
+        """Return for how long a sensor's message is not too old yet; None if it never gets so."""
+        limit_ms, aged = self.table.sensors[name].max_age_ms, self._aged.get(name)
+        age_ns = None if limit_ms is None or aged is None else aged.age_ns()
+        if limit_ms is None or age_ns is None or age_ns > limit_ms * 1e6:
+            return None
+        return floor(limit_ms * 1e6) - age_ns + 1
 
     def sensor(self, name: str) -> Sensor[Any, Any]:
         """Return the sensor of that name; raise `SensorNameError`."""

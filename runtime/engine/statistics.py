@@ -181,6 +181,8 @@ class MachineStatistics(NamedTuple):
     worst of them by `worst_overrun_us`. `late_us` is by how much turns began after they were due;
     `late_counts` counts those that were late by less than 1 us, less than 2 us, 4 us and so on.
     `realtime` is the priority of SCHED_FIFO that turns had, and `cpu` their only core, if any.
+    `passed_over` are those of the `ringlets` that were counted and not run, as the machine waited
+    and they could change nothing: nothing else is measured of them.
     """
 
     machine: str
@@ -195,12 +197,13 @@ class MachineStatistics(NamedTuple):
     late_counts: tuple[int, ...] = ()
     realtime: int | None = None
     cpu: int | None = None
+    passed_over: int = 0
 
 
 class Meter(MeterFields):
     """Count and measure the ringlets of the machines of one name, which come one after another."""
 
-    __slots__ = ("_seat", "_state_ns", "name")
+    __slots__ = ("_seat", "_state_ns", "name", "passed_over")
 
     def __init__(self, name: str):
         self.name = name
@@ -211,12 +214,23 @@ class Meter(MeterFields):
         self.worst_overrun_ns = 0
         self.since_ns = 0  # when the machine came into its state
         self.late_ns = NEVER  # by how much the last turn began after it was due
+        self.passed_over = 0  # turns that were not run, as they would have changed nothing
         self._seat: SeatFields | None = None  # the machine's
         self._state_ns: dict[str, int] = {}  # in the states of those before it
+
+    @property
+    def is_seated(self) -> bool:
+        """True if a machine is loaded whose turns it measures."""
+        return self._seat is not None
 
     def seat(self, seat: SeatFields) -> None:
         """Measure the turns of a machine that was loaded."""
         self._seat, seat.meter = seat, self
+
+    @property
+    def turns(self) -> int:
+        """The number of turns so far, with those that were passed over."""
+        return self.costs.total + self.passed_over
 
     def unseat(self, now_ns: int) -> None:
         """Note that the machine is unloaded: it is in no state, and no turn of it is due."""
@@ -241,7 +255,7 @@ class Meter(MeterFields):
         """Return the statistics up to now."""
         return MachineStatistics(
             self.name,
-            self.costs.total,
+            self.turns,
             self.fired,
             {state: ns / 1e9 for state, ns in self.state_ns(now_ns).items()},
             Spread.of(self.costs) or Spread(0.0, 0.0, 0.0),
@@ -250,6 +264,7 @@ class Meter(MeterFields):
             self.worst_overrun_ns / 1e3,
             None if lateness is None else Spread.of(lateness),
             () if lateness is None else doublings(lateness),
+            passed_over=self.passed_over,
         )
 
 
@@ -283,6 +298,11 @@ class Stopwatch(Timing):
         meter.seat(seat)
         return meter
 
+    def pass_over(self, rounds: int) -> None:
+        """Count rounds that are not run, as they would have changed nothing."""
+        for meter in self._meters.values():
+            meter.passed_over += rounds * meter.is_seated
+
     def rest(self, name: str) -> None:
         """Note that a machine is unloaded."""
         if name in self._meters:
@@ -291,7 +311,7 @@ class Stopwatch(Timing):
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a machine."""
         meter = self._meters.get(name)
-        return (0, 0) if meter is None else (meter.costs.total, meter.overruns)
+        return (0, 0) if meter is None else (meter.turns, meter.overruns)
 
     def read(self) -> tuple[MachineStatistics, ...]:
         """Return the statistics of all machines, in order of first turns."""
@@ -310,6 +330,6 @@ class Stopwatch(Timing):
                     "%s: %d of %d turns ended after their deadline, the worst by %.0f us",
                     meter.name,
                     meter.overruns,
-                    meter.costs.total,
+                    meter.turns,
                     meter.worst_overrun_ns / 1e3,
                 )

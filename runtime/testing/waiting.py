@@ -1,7 +1,8 @@
 """Run an arrangement under a manual clock until a condition holds, and compare states.
 
 Nothing waits: between two rounds the clock is moved to when the next one is due, as `Arrangement`
-would sleep until then. So an hour of a machine takes as long as its ringlets do.
+would sleep until then. Rounds that can change nothing are counted, not run, as `Arrangement` does.
+So an hour of a machine takes as long as what happens in it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from llfsm.runtime.engine.clock import ManualClock
 from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
 from llfsm.runtime.engine.events import Event, RoundBegin, Section
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.waiting import Stillness
 from llfsm.runtime.testing.errors import NotReachedError, ScriptError, StatesError
 from llfsm.whiteboard import Board, Slot
 from llfsm.whiteboard.errors import wrong_type
@@ -129,9 +131,11 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
             f"run_until moves the clock, but this is a {type(clock).__name__}: "
             f"give the Arrangement clock=ManualClock()"
         )
+    is_state = isinstance(condition, str)  # else it may be one of the time, or of each round
     holds = _in_state(arrangement, condition) if isinstance(condition, str) else condition
     what = condition if isinstance(condition, str) else name_of(condition, "the condition")
     machines = list(arrangement.machines)
+    stillness = Stillness(arrangement.kernel, type(arrangement).analysis)
     begin_ns, begin_round = clock.now_ns(), arrangement.rounds
     end_ns = begin_ns + round(within_ms * 1e6)
     while True:
@@ -148,13 +152,34 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
             states = _explained_states(arrangement, machines)
             raise NotReachedError(f"waited for {what}: {why}, {rounds} rounds{states}")
         next_ns = next_round_ns(arrangement, round_ns, fired)
+        if is_state and not fired:
+            next_ns = _passed_over(arrangement, stillness, next_ns, end_ns)
         clock.sleep_until_ns(min(next_ns, end_ns))
+
+
+def _passed_over(arrangement: Arrangement, stillness: Stillness, next_ns: int, end_ns: int) -> int:
+    """Count the rounds that can change nothing, up to `end_ns`; return when the one after is."""
+    pacer = arrangement.kernel.pacer
+    cycle_ns = _pause_ns(arrangement) if pacer is None else pacer.cycle_ns
+    until_ns = min(stillness.until_ns(), end_ns - cycle_ns + 1)
+    rounds = -(-(until_ns - next_ns) // cycle_ns)
+    if not stillness.is_since_last_round() or rounds <= 0:
+        return next_ns
+    stillness.pass_over(rounds)
+    if pacer is not None:
+        pacer.pass_over(rounds)
+    return next_ns + rounds * cycle_ns
 
 
 def next_round_ns(arrangement: Arrangement, round_ns: int, fired: bool) -> int:
     """Return the time of the round after one at `round_ns`, in which a transition `fired`."""
-    pause_ns = _ROUND_NS if fired else max(arrangement.pace.idle_us * 1_000, _ROUND_NS)
+    pause_ns = _ROUND_NS if fired else _pause_ns(arrangement)
     return _due_ns(arrangement) or round_ns + pause_ns
+
+
+def _pause_ns(arrangement: Arrangement) -> int:
+    """Return the time between two rounds in which no transition fires."""
+    return max(arrangement.pace.idle_us * 1_000, _ROUND_NS)
 
 
 def _due_ns(arrangement: Arrangement) -> int:

@@ -1315,10 +1315,12 @@ static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
  * The sleepers share one word of the board. A writer looks only whether its own slot is armed, so
  * a slot for which nobody waits wakes nobody. */
 
+#define LWB_LOOK_ANY_NS 250000000u /* as LWB_LOOK_NS: who waits for many wakes no processor for it */
+
 struct lwb_awaited { struct lwb_slot *slot; uint64_t after; };
 
 /* Wait until the count of one of the slots exceeds its `after`, for at most `ns`. May return
- * LWB_TIMEOUT early, as lwb_wait does, and if the alarm was raised since the caller has read `seen`
+ * LWB_TIMEOUT early, after a signal or 250 ms, and if the alarm was raised since the caller has read `seen`
  * from it: so a caller that first reads it, and then checks something else, can be woken for that by
  * lwb_raise. */
 static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
@@ -1334,7 +1336,7 @@ static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
     }
     struct timespec until; /* this kind of wait takes a time, not a duration */
     clock_gettime(CLOCK_MONOTONIC, &until);
-    uint64_t nanoseconds = (uint64_t)until.tv_nsec + (ns < LWB_LOOK_NS ? ns : LWB_LOOK_NS);
+    uint64_t nanoseconds = (uint64_t)until.tv_nsec + (ns < LWB_LOOK_ANY_NS ? ns : LWB_LOOK_ANY_NS);
     until.tv_sec += (time_t)(nanoseconds / 1000000000u);
     until.tv_nsec = (long)(nanoseconds % 1000000000u);
     syscall(SYS_futex, alarm, FUTEX_WAIT_BITSET, seen, &until, NULL, bits);

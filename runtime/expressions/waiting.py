@@ -1,0 +1,48 @@
+"""What a machine waits for in a state, found out in the texts of its guards."""
+
+from __future__ import annotations
+
+from math import floor
+from typing import TYPE_CHECKING
+
+from llfsm.runtime.engine.clock import FOREVER
+from llfsm.runtime.engine.state import SECTIONS
+from llfsm.runtime.engine.waiting import Waiting
+from llfsm.runtime.expressions.guards import reads_of_guard
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.state import State
+    from llfsm.runtime.engine.table import Table
+
+_INTERNAL = SECTIONS[2]
+
+
+def waiting_in(table: Table, state: State) -> Waiting:
+    """Find out what machines with this table wait for in a state, once they have entered it."""
+    if state.sections.get(_INTERNAL) is not None:
+        return Waiting("its Internal")
+    sensors: set[str] = set()
+    machines: set[str] = set()
+    limits_ns: set[float] = set()
+    for transition in state.transitions:
+        if transition.after_ms is not None:
+            limits_ns.add(transition.after_ms * 1_000_000)
+        if transition.guard is None:
+            continue
+        reads = reads_of_guard(transition.guard, table)
+        reason = reads.open
+        if not reason and reads.reads_time:
+            reason = "a limit of time that is computed"
+        elif not reason and "" in reads.machines:
+            reason = "the status of a machine that is not named"
+        if reason:
+            return Waiting(f"{reason}, in the guard to {transition.target.name}")
+        sensors |= reads.sensors
+        machines |= reads.machines
+        limits_ns |= reads.limits_ns
+    return Waiting(
+        "",
+        frozenset(sensors),
+        frozenset(machines),
+        tuple(sorted(floor(min(limit_ns, FOREVER)) for limit_ns in limits_ns)),
+    )
