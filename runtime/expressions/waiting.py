@@ -17,6 +17,19 @@ if TYPE_CHECKING:
 _INTERNAL = SECTIONS[2]
 
 
+def waiting_text(waiting: Waiting) -> str:
+    """Write what a machine waits for, or why it is polled."""
+    if waiting.polls:
+        return f"is polled: {waiting.polls}"
+    awaited = sorted(waiting.sensors)
+    awaited += [f"the status of {name}" for name in sorted(waiting.machines)]
+    awaited += [f"{limit_ns / 1e9:g} s" for limit_ns in waiting.limits_ns]
+    if not awaited:
+        return "waits for requests"
+    *others, last = awaited
+    return f"waits for {', '.join(others)} or {last}" if others else f"waits for {last}"
+
+
 def waiting_in(table: Table, state: State) -> Waiting:
     """Find out what machines with this table wait for in a state, once they have entered it."""
     if state.sections.get(_INTERNAL) is not None:

@@ -103,3 +103,46 @@ def test_wrong_usage(llfsm: Llfsm, arguments: list[str], printed: str) -> None:
     assert done.returncode == 2
     assert printed in done.stderr
     assert "Traceback" not in done.stderr
+
+
+WAITING = """\
+from llfsm.runtime import Machine, Sensor, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int32
+import random
+class Waits(Machine):
+    level = Sensor(Slot("level", Int32))
+    A = State()
+    Long = State()
+    C = State(final=True)
+    A.to(Long, when=lambda self: self.level is not None)
+    A.to(Long, after=2.5)
+    Long.to(C, when=lambda self: random.random() > 0.5)
+"""
+
+
+def test_what_states_wait_for_is_explained(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "waits.py").write_text(WAITING)
+    (llfsm.cwd / "robot.toml").write_text('[[machine]]\ndefinition = "waits.py:Waits"\n')
+    bundle(llfsm.cwd / "M.machine", "print(name)")
+    expected = (
+        "no findings\n"
+        "Waits\n"
+        "  A     waits for level or 2.5 s\n"
+        "  Long  is polled: random.random, in the guard to C\n"
+        "  C     waits for requests\n"
+    )
+    for machine in ("waits.py:Waits", "robot.toml"):
+        done = llfsm.run("check", "--explain", machine)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.endswith(expected.partition("\n")[2])
+    assert (
+        llfsm.run("check", "--explain", "M").stdout == "no findings\nM\n  A  waits for requests\n"
+    )
+
+
+def test_what_has_errors_is_not_explained(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "waits.py").write_text(WAITING.replace("A.to(Long, after", "A.to(Lang, after"))
+    done = llfsm.run("check", "--explain", "waits.py:Waits")
+    assert done.returncode == 1
+    assert "is polled" not in done.stdout

@@ -244,6 +244,14 @@ def test_a_period_and_what_is_late(llfsm: Llfsm, board: str) -> None:
     assert re.search(r"Slow: \d of \d turns ended after their deadline, the worst by", done.stderr)
 
 
+def test_turns_that_were_not_run_are_counted(llfsm: Llfsm, board: str) -> None:
+    waits = "class W(Machine):\n    A = State()\n    B = State(final=True)\n    A.to(B, after=2)\n"
+    (llfsm.cwd / "waits.py").write_text(f"from llfsm.runtime import Machine, State\n{waits}")
+    done = llfsm.run("run", "waits:W", "--period", "5000", "-t", "-q", "-b", board)
+    assert done.returncode == 0
+    assert re.search(r"\n    \d+ ringlets could change nothing: not run\n", done.stderr)
+
+
 def test_late_turns_of_a_timetable_are_reported(llfsm: Llfsm, board: str) -> None:
     (llfsm.cwd / "robot.toml").write_text(
         machine("mine:Slow", "period_us = 10000", "deadline_us = 1000")

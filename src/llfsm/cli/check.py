@@ -36,7 +36,10 @@ from llfsm.whiteboard import Whiteboard
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
 @click.option("--types", is_flag=True, help="Also run mypy or pyright, whichever is installed.")
-def check(machines: tuple[str, ...], types: bool) -> None:
+@click.option(
+    "--explain", is_flag=True, help="Also print what each state waits for, or why it is polled."
+)
+def check(machines: tuple[str, ...], types: bool, explain: bool) -> None:
     """Check each MACHINE: one that ships, patrol.py:Patrol, a bundle, or an arrangement file.
 
     Print a line for each finding: FILE:LINE: error or warning: what is wrong. The exit status is 1
@@ -47,6 +50,7 @@ def check(machines: tuple[str, ...], types: bool) -> None:
     llfsm check patrol.py Lamp.machine
     llfsm check robot.toml
     llfsm check --types patrol.py
+    llfsm check --explain Patrol
     """
     found = set()
     for name in machines:
@@ -60,6 +64,22 @@ def check(machines: tuple[str, ...], types: bool) -> None:
         echo("no findings")
     if any(finding.severity == "error" for finding in findings):
         raise click.exceptions.Exit(1)
+    if explain:
+        _explain(machines)
+
+
+def _explain(machines: Sequence[str]) -> None:
+    """Print for each state of the machines what it waits for, or why it is polled."""
+    from llfsm.runtime.bundles import load_bundle  # here, as few ask
+    from llfsm.runtime.expressions.waiting import waiting_in, waiting_text
+
+    for each in _readable(machines):
+        machine = load_bundle(each) if isinstance(each, Path) else each
+        echo(machine.__name__)
+        width = max(len(state.name) for state in machine.table.states)
+        for state in machine.table.states:
+            text = waiting_text(waiting_in(machine.table, state))
+            echo(f"  {state.name:<{width}}  {text}")
 
 
 def _check_file(file: Path) -> list[Finding]:

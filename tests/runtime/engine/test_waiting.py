@@ -24,6 +24,8 @@ from llfsm.runtime import (
     Reason,
     Sensor,
     State,
+    TimeSlot,
+    Timetable,
     variable,
 )
 from llfsm.runtime.engine import execution
@@ -33,6 +35,7 @@ from llfsm.runtime.engine.waiting import Stillness
 from llfsm.runtime.expressions.waiting import waiting_in
 from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.presence.status_publisher import StatusPublisher
+from llfsm.runtime.testing import run_until
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for
@@ -356,6 +359,20 @@ def test_the_status_of_a_machine_of_another_process_is_polled() -> None:
     assert stillness.until_ns() == 0
 
 
+def test_each_limit_is_waited_for() -> None:
+    board, clock = Whiteboard.local(), ManualClock()
+    board.add_message(GO, Int32(1))  # so that no guard is true
+    arrangement = Arrangement([Asks, Other], whiteboard=board, clock=clock)
+    arrangement.round()
+    stillness = Stillness(arrangement.kernel, waiting_in)
+    found = []
+    for _ in range(3):
+        found.append(stillness.until_ns())
+        clock.sleep_until_ns(min(found[-1], 10**12))
+        assert not arrangement.round()
+    assert found == [40_000_001, 70_500_001, FOREVER]
+
+
 def test_a_turn_that_is_to_do_something_is_not_waited_for() -> None:
     arrangement = Arrangement([Other], whiteboard=Whiteboard.local(), clock=ManualClock())
     stillness = Stillness(arrangement.kernel, waiting_in)
@@ -364,6 +381,28 @@ def test_a_turn_that_is_to_do_something_is_not_waited_for() -> None:
     assert stillness.until_ns() == FOREVER
     arrangement.suspend("Other")
     assert stillness.until_ns() == 0
+
+
+def test_the_age_of_a_message_is_waited_for() -> None:
+    board, clock = Whiteboard.local(), ManualClock()
+    arrangement = Arrangement([Beats], whiteboard=board, clock=clock)
+    board.add_message(GO, Int32(1))
+    clock.advance(ms=100)
+    arrangement.round()
+    until_ns = Stillness(arrangement.kernel, waiting_in).until_ns()
+    assert until_ns == 300_000_001
+    clock.sleep_until_ns(until_ns - 1)
+    assert not arrangement.round()
+    clock.sleep_until_ns(until_ns)
+    assert arrangement.round()
+
+
+def test_a_timetable_has_all_of_its_turns() -> None:
+    table = Timetable([TimeSlot("Other", 0, 1_000)], 10_000)
+    board, clock = Whiteboard.local(), ManualClock()
+    arrangement = Arrangement([Other], whiteboard=board, clock=clock, timetable=table)
+    arrangement.round()
+    assert Stillness(arrangement.kernel, waiting_in).until_ns() == 0
 
 
 @pytest.mark.parametrize("watcher", ["observer", "instrument"])
@@ -391,3 +430,58 @@ def test_a_round_that_was_not_run_has_not_changed_nothing() -> None:
             arrangement.round()
         found.append(stillness.is_since_last_round())
     assert found == [False, True, True, False, True]
+
+
+def test_what_a_machine_posts_between_a_round_and_the_sleep_is_news(board: Whiteboard) -> None:
+    """As a thread of it may; in other sleeps it is none, as it may be of the round before."""
+    environment = LiveEnvironment(board)
+    arrangement = Arrangement([Posting, Reads], environment=environment)
+    arrangement.round()
+    now_ns, machine = environment.clock.now_ns, arrangement.machine("Posting")
+    assert not environment.sleep_until_ns(now_ns())
+    machine.out(Int32(7))  # type: ignore[attr-defined]
+    assert environment.wait_until_ns(now_ns() + 10**10)
+    machine.out(Int32(7))  # type: ignore[attr-defined]
+    assert not environment.sleep_until_ns(now_ns() + 1_000_000)
+
+
+def test_machines_are_where_rounds_are_that_were_passed_over() -> None:
+    """So what is published of them then, as how long they have been in a state, is of that time."""
+    clock = ManualClock()
+    arrangement = Arrangement([Other], clock=clock, period_us=1_000)
+    pacer = arrangement.kernel.pacer
+    arrangement.round()
+    assert pacer is not None
+    pacer.pass_over(7)
+    assert (arrangement.environment.due_ns, pacer.next_ns) == (7_000_000, 8_000_000)
+
+
+class Posts(Machine):
+    """Post to `Reads`, which had its turn before, when it comes into a state to wait there."""
+
+    out = Actuator(OUT)
+
+    begin = State()
+    waiting = State()
+    end = State(final=True)
+    begin.to(waiting, after_ms=100)
+    waiting.to(end, when=lambda m: m.stopping)
+
+    @waiting.on_entry
+    def _(self) -> None:
+        self.out(Int32(7))
+
+
+@pytest.mark.parametrize("pace", PACES)
+def test_what_a_machine_posts_as_it_begins_to_wait_is_read_in_the_next_round(
+    pace: dict[str, Any],
+) -> None:
+    found: list[tuple[float, int]] = []
+    for analysis in (Arrangement.analysis, None):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Arrangement, "analysis", staticmethod(analysis) if analysis else None)
+            board, clock = Whiteboard.local(), ManualClock()
+            arrangement = Arrangement([Reads, Posts], whiteboard=board, clock=clock, **pace)
+            took_ms = run_until(arrangement, "Reads.found", within_ms=10_000)
+            found.append((took_ms, arrangement.rounds))
+    assert found[0] == found[1]

@@ -26,7 +26,7 @@ from llfsm.whiteboard.messages.std_msgs import Int32
 
 LEFT, RIGHT = (Slot(name, Int32) for name in ("left", "right"))
 NAMES = ("A", "B", "C")
-WORLDS = int(os.environ.get("LLFSM_WAITING_WORLDS", "2000"))
+WORLDS = int(os.environ.get("LLFSM_WAITING_WORLDS", "1000"))
 
 
 def is_high(machine: Any) -> bool:

@@ -114,6 +114,8 @@ def timing_table(machines: Iterable[MachineStatistics]) -> str:
                 for state, seconds in machine.state_s.items()
             ]
         )
+        if machine.passed_over:
+            notes[-1].append(f"    {machine.passed_over} ringlets could change nothing: not run")
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row, states in zip(rows, notes, strict=True):
