@@ -37,11 +37,10 @@ from llfsm.runtime.engine.events import Event, Observer, Reason, Request, Status
 from llfsm.runtime.engine.machine import Machine, define
 from llfsm.runtime.engine.ports import KEEP, Actuator, Sensor
 from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
-from llfsm.runtime.engine.state import State, Transition
+from llfsm.runtime.engine.state import State, Transition, Waiting
 from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 from llfsm.runtime.engine.submachine import Submachine, Submachines
 from llfsm.runtime.engine.table import REQUIRED, Table, Variable, variable
-from llfsm.runtime.engine.waiting import Waiting
 from llfsm.runtime.presence.live import LiveEnvironment
 
 

@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
 _EARLY_NS = 100_000  # before a turn in real time, to have what it needs in the caches
 _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
-_WAIT_NS = 500_000_000  # machines that wait have a round at least so often
-_PATIENCE_NS = 200_000_000  # before it is found out whether machines that are idle wait
 _PART = 50  # of the time that passes, the part that may be spent on finding that out
 
 
 class Pace(NamedTuple):
     """The options of a run; `priority` is that of SCHED_FIFO, 1 to 99, and `cpu` the only core.
 
-    `grace_s` is how long machines have to reach accepting states once they are to stop.
+    `grace_s` is how long machines have to reach accepting states once they are to stop. After
+    `patience_ns` it is found out whether machines wait; those that do have a round at least every
+    `look_ns`.
     """
 
     idle_us: int = 10_000
@@ -45,6 +45,8 @@ class Pace(NamedTuple):
     priority: int | None = None
     cpu: int | None = None
     grace_s: float = 1.0
+    patience_ns: int = 200_000_000
+    look_ns: int = 500_000_000
 
 
 class Execution:
@@ -74,7 +76,7 @@ class Execution:
         self._is_polled = False  # whether a machine is polled in the rest under way
         self._check_ns = self._now()  # when to find out whether all wait
         if self._clock.passes:
-            self._check_ns += _PATIENCE_NS
+            self._check_ns += pace.patience_ns
         self._watchdog = None
         if pace.watchdog_ms is not None:
             self._watchdog = Watchdog(self._kernel, pace.watchdog_ms / 1e3)
@@ -208,8 +210,8 @@ class Execution:
         until_ns = stillness.until_ns()
         if self._clock.passes:
             end_ns = self._now()
-            pause_ns = _PART * (end_ns - begin_ns)
-            self._check_ns = end_ns + (pause_ns if until_ns else max(pause_ns, _PATIENCE_NS))
+            patience_ns = 0 if until_ns else self._pace.patience_ns
+            self._check_ns = end_ns + max(_PART * (end_ns - begin_ns), patience_ns)
         return until_ns
 
     def _wait(self) -> bool:
@@ -251,7 +253,7 @@ class Execution:
         rounds = self._rounds_until(until_ns, first_ns, pacer.cycle_ns)
         if rounds and self._clock.passes:
             begin_ns = first_ns + rounds * pacer.cycle_ns
-            end_ns = min(begin_ns, self._now() + _WAIT_NS)
+            end_ns = min(begin_ns, self._now() + self._pace.look_ns)
             if self._attendant is not None:
                 end_ns = min(end_ns, self._attendant.due_ns)
             if end_ns > first_ns:
@@ -273,7 +275,7 @@ class Execution:
 
     def _sleep_soundly(self, until_ns: int) -> bool:
         """Sleep until then, or until there is news; return False if others have ended it."""
-        deadline_ns = min(until_ns, self._now() + _WAIT_NS)
+        deadline_ns = min(until_ns, self._now() + self._pace.look_ns)
         woken = self._kernel.environment.wait_until_ns(deadline_ns)
         obeyed = self._attendant is not None and self._attendant.obey()
         return not obeyed and (woken or self._now() >= deadline_ns)

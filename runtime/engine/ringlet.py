@@ -28,9 +28,8 @@ from llfsm.runtime.engine.errors import ExecutionError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Request
-    from llfsm.runtime.engine.state import Guard, SectionCode
+    from llfsm.runtime.engine.state import Guard, SectionCode, Waiting
     from llfsm.runtime.engine.statistics import MeterFields, Timing
-    from llfsm.runtime.engine.waiting import Waiting
 
 S = TypeVar("S", bound="SeatFields")
 

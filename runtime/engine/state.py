@@ -12,7 +12,17 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import CodeType, FrameType
-from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeAlias, TypeVar, overload
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Generic,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeAlias,
+    TypeVar,
+    overload,
+)
 
 from llfsm.runtime.engine.errors import DefinitionError
 
@@ -67,6 +77,18 @@ def _loop_variables(code: CodeType) -> frozenset[str]:
         is_part = is_target and each.opname in ("STORE_NAME", "UNPACK_SEQUENCE")
         is_target = each.opname == "FOR_ITER" or is_part
     return frozenset(found)
+
+
+class Waiting(NamedTuple):
+    """What a machine in one state waits for, besides requests and a stop."""
+
+    polls: str = ""
+    """The reason why it has to be polled; "" if only what is listed here can change anything."""
+    sensors: frozenset[str] = frozenset()
+    machines: frozenset[str] = frozenset()
+    """The machines of whose statuses it asks."""
+    limits_ns: tuple[int, ...] = ()
+    """Times in the state: beyond each, something may change."""
 
 
 class State:

@@ -27,31 +27,19 @@ given: the engine reads no texts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from llfsm.runtime.engine.clock import FOREVER
 from llfsm.runtime.engine.ringlet import marks_of
+from llfsm.runtime.engine.state import State, Waiting
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Kernel
     from llfsm.runtime.engine.seat import Seat
-    from llfsm.runtime.engine.state import State
     from llfsm.runtime.engine.table import Table
 
 
-class Waiting(NamedTuple):
-    """What a machine in one state waits for, besides requests and a stop."""
-
-    polls: str = ""
-    """The reason why it has to be polled; "" if only what is listed here can change anything."""
-    sensors: frozenset[str] = frozenset()
-    machines: frozenset[str] = frozenset()
-    """The machines of whose statuses it asks."""
-    limits_ns: tuple[int, ...] = ()
-    """Times in the state: beyond each, something may change."""
-
-
-Analysis: TypeAlias = "Callable[[Table, State], Waiting]"
+Analysis: TypeAlias = Callable[["Table", State], Waiting]
 """Find out what machines with a table wait for in one of its states."""
 
 _SUSPENDED: Final = Waiting()  # in a suspend state that is not declared

@@ -6,8 +6,7 @@ from math import floor
 from typing import TYPE_CHECKING
 
 from llfsm.runtime.engine.clock import FOREVER
-from llfsm.runtime.engine.state import SECTIONS
-from llfsm.runtime.engine.waiting import Waiting
+from llfsm.runtime.engine.state import SECTIONS, Waiting
 from llfsm.runtime.expressions.guards import reads_of_guard
 
 if TYPE_CHECKING:

@@ -28,7 +28,6 @@ from llfsm.runtime import (
     Timetable,
     variable,
 )
-from llfsm.runtime.engine import execution
 from llfsm.runtime.engine.clock import FOREVER
 from llfsm.runtime.engine.events import IdleSleep, RoundBegin
 from llfsm.runtime.engine.waiting import Stillness
@@ -90,13 +89,20 @@ class Counting(LiveEnvironment):
 
 
 class Run:
-    """An arrangement in a thread of its own, on a board of several processes."""
+    """An arrangement in a thread of its own, on a board of several processes.
+
+    It finds out at once whether its machines wait.
+    """
+
+    look_ns = 500_000_000
 
     def __init__(self, board: Whiteboard, machines: list[Any], **options: Any):
         self.board = board
         self.environment = Counting(board)
         self.kind = options.pop("kind", Arrangement)
         self.arrangement = self.kind(machines, environment=self.environment, **options)
+        pace = self.arrangement.pace._replace(patience_ns=1_000_000, look_ns=self.look_ns)
+        self.arrangement.pace = pace
         self.thread = threading.Thread(target=self.arrangement.run, daemon=True)
 
     def state(self, machine: str) -> str:
@@ -113,16 +119,10 @@ def board(tmp_path: Path) -> Iterator[Whiteboard]:
         yield found
 
 
-@pytest.fixture(autouse=True)
-def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Find out at once whether machines wait."""
-    monkeypatch.setattr(execution, "_PATIENCE_NS", 1_000_000)
-
-
 @pytest.fixture
 def only_news(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no beat and no look end a sleep."""
-    monkeypatch.setattr(execution, "_WAIT_NS", 10**15)
+    monkeypatch.setattr(Run, "look_ns", 10**15)
     monkeypatch.setattr(StatusPublisher, "due_ns", FOREVER)
 
 

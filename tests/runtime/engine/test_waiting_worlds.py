@@ -11,6 +11,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -99,10 +100,10 @@ def make(name: str, drawn: Any, library: dict[str, Any]) -> type[Machine]:
 
 
 def note(machine: Any, what: str) -> None:
-    arrangement = machine._seat.kernel
-    now = arrangement.environment.machine_now()
-    machine.log.append((machine.name, machine.state_name, what, arrangement.rounds, now))
-    machine.log.append((machine.left, machine.right, machine.count))
+    world = machine.world
+    now = world.arrangement.environment.machine_now()
+    world.log.append((machine.name, machine.state_name, what, world.arrangement.rounds, now))
+    world.log.append((machine.left, machine.right, machine.count))
 
 
 def counting(machine: Any) -> None:
@@ -114,8 +115,8 @@ def entering(deed: str, argument: int) -> Callable[[Any], None]:
         note(machine, "entry")
         machine.count += argument == 1
         other = NAMES[argument % 3]
-        is_there = other in machine._seat.kernel.roster.named
-        few = len(machine._seat.kernel.roster.named) < 6
+        names = machine.world.arrangement.states()
+        is_there, few = other in names, len(names) < 6
         match deed:
             case "left":
                 machine.to_left(Int32(argument))
@@ -153,12 +154,13 @@ def run(kind: type[Arrangement], drawn: Any, *, polled: bool, tested: bool = Fal
     """Run a world, as a test runs it if `tested`, and return all that can be seen of it."""
     three, schedule, unloads, rounds = drawn
     log: list[object] = []
+    world = SimpleNamespace(log=log)
     library: dict[str, Any] = {}
     for name, each in reversed([*zip(NAMES, three, strict=True)]):
         library[name] = make(name, each, library)
-        library[name].log = log  # type: ignore[attr-defined]
+        library[name].world = world
     board, clock = Whiteboard.local(), ManualClock()
-    arrangement = kind(
+    world.arrangement = arrangement = kind(
         [library[name] for name in NAMES],
         whiteboard=board,
         clock=clock,
