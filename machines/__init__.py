@@ -2,9 +2,11 @@
 
 Four re-create the example machines of clfsm, odd spellings included. The others are case studies of
 what ``llfsm verify`` proves; their properties are in `llfsm.machines.properties`. `Sequence` and
-the like make machines of machines. `EmergencyStop` and its neighbours are what most robots need.
+the like make machines of machines. `EmergencyStop` and its neighbours are what most robots need;
+`NavigateTo`, `MoveGripper` and theirs send goals to Navigation2 and to controllers.
 """
 
+from llfsm.machines.arms import FollowJointTrajectory, MoveGripper
 from llfsm.machines.behaviours import (
     BatteryWatch,
     CollisionStop,
@@ -33,31 +35,57 @@ from llfsm.machines.combinators import (
 )
 from llfsm.machines.grid_turtle import GridTurtle
 from llfsm.machines.infusion_pump import InfusionAlarm, InfusionPump
+from llfsm.machines.lifecycle import LifecycleBringUp
+from llfsm.machines.messages import NoMessageError, PublishOnce, WaitForMessage
 from llfsm.machines.microwave import OvenAlarm, OvenCooker, OvenLamp, OvenTimer, SafeOvenCooker
 from llfsm.machines.mine_pump import MineAlarm, MinePump, MineWatch
+from llfsm.machines.mission_queue import MissionQueue
+from llfsm.machines.nav2 import (
+    AssistedTeleop,
+    BackUp,
+    ClearCostmaps,
+    Dock,
+    DriveOnHeading,
+    FollowWaypoints,
+    NavigateTo,
+    Spin,
+    Undock,
+)
 from llfsm.machines.ping_pong import RosPingPong
 from llfsm.machines.press import PressHands, PressRam
 from llfsm.machines.suspend_resume import TurtleSuspendResume
 from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
+    "AssistedTeleop",
+    "BackUp",
     "BatteryWatch",
     "CallAction",
     "CallFailedError",
     "CallService",
+    "ClearCostmaps",
     "CollisionStop",
     "CommandArbiter",
     "Cooldown",
+    "Dock",
     "DockAndCharge",
+    "DriveOnHeading",
     "EmergencyStop",
     "Fallback",
+    "FollowJointTrajectory",
+    "FollowWaypoints",
     "GridTurtle",
     "HeartbeatWatch",
     "InfusionAlarm",
     "InfusionPump",
+    "LifecycleBringUp",
     "MineAlarm",
     "MinePump",
     "MineWatch",
+    "MissionQueue",
+    "MoveGripper",
+    "NavigateTo",
+    "NoMessageError",
     "OvenAlarm",
     "OvenCooker",
     "OvenLamp",
@@ -66,6 +94,7 @@ __all__ = [
     "Patrol",
     "PressHands",
     "PressRam",
+    "PublishOnce",
     "Ramp",
     "Repeat",
     "Retry",
@@ -76,9 +105,12 @@ __all__ = [
     "ScanCollisionStop",
     "Sequence",
     "SpeedLimit",
+    "Spin",
     "StuckWatch",
     "Timeout",
     "TookTooLongError",
     "TurtleSuspendResume",
+    "Undock",
+    "WaitForMessage",
     "While",
 ]

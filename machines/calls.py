@@ -9,7 +9,7 @@ runs it, suspends it or kills its process cancels its goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec.structs import replace
 
@@ -20,7 +20,7 @@ from llfsm.runtime.engine.machine import define
 from llfsm.runtime.goals import CancelGoal, GoalStanding
 from llfsm.whiteboard import Message, Slot
 
-__all__ = ["CallAction", "CallFailedError", "CallService"]
+__all__ = ["CallAction", "CallFailedError", "CallService", "GoalCaller", "ports_of"]
 
 Asked = Message | Callable[[Any], Message]
 
@@ -40,6 +40,16 @@ class Action(Protocol):
 
     @property
     def status(self) -> Slot[GoalStanding]: ...
+
+
+class ActionWithResult(Action, Protocol):
+    """The slots of an action, of whose result the reason of a failure is read."""
+
+    @property
+    def result(self) -> Slot[Any]: ...
+
+
+CallerPorts = tuple[Actuator[Any], Actuator[CancelGoal], Any, Any, Any]
 
 
 class Service(Protocol):
@@ -88,33 +98,114 @@ def CallAction(  # noqa: N802  # makes classes
 
 
 def CallService(  # noqa: N802
-    service: Service, request: Asked, timeout_ms: float = 5_000, *, name: str = "CallService"
+    service: Service,
+    request: Asked,
+    timeout_ms: float = 5_000,
+    *,
+    accept: Callable[[Any], bool] = lambda answer: True,
+    name: str = "CallService",
 ) -> type[Machine]:
     """Make a machine that posts a request to a service, and is done when the answer is there.
 
     `request` is a message of the service's request slot, or a function of the machine that makes
     one when it begins; the machine numbers it. What the answer says is for the caller to read, from
     the service's answer slot. The machine fails with :class:`CallFailedError` if the bridge reports
-    a failure, or no answer came within `timeout_ms`. A request that is on its way is not taken back
-    when the machine ends.
+    a failure, if `accept` returns False for the answer, or if none came within `timeout_ms`. A
+    request that is on its way is not taken back when the machine ends.
     """
 
     def send(self: Any) -> None:
         self.number = max(self.sent.number, self.answer.number) + 1
         self.send(replace(_made(request, self), number=self.number))
 
+    def is_good(answer: Any) -> bool:
+        return not answer.failure and accept(answer)
+
     def fail(self: Any) -> None:
-        raise CallFailedError(f"{service.request.name}: {self.answer.failure}")
+        why = self.answer.failure or f"the answer is not accepted: {self.answer}"
+        raise CallFailedError(f"{service.request.name}: {why}")
 
     return _caller(
         name,
         (service.request.name, timeout_ms),
         (send, fail),
-        succeeded=lambda self: self.answer.number == self.number and not self.answer.failure,
-        failed=lambda self: self.answer.number == self.number and self.answer.failure != "",
+        succeeded=lambda self: self.answer.number == self.number and is_good(self.answer),
+        failed=lambda self: self.answer.number == self.number and not is_good(self.answer),
         sent=Sensor(service.request, default=service.request.type()),
         answer=Sensor(service.answer, default=service.answer.type()),
         send=Actuator(service.request),
+    )
+
+
+class GoalCaller(Machine):
+    """Send one goal of an action, and be done when that has succeeded; subclasses say which.
+
+    A subclass has the ports that :func:`ports_of` makes, its parameters as variables, and a
+    `goal` that makes the message. It fails with :class:`CallFailedError`, which has the server's
+    reason, if the goal is refused, canceled or aborted, or has not ended within `timeout_s`
+    seconds. Its goal is canceled however the machine ends before that.
+    """
+
+    if TYPE_CHECKING:
+        send: Callable[[Message], int]
+        cancel: Callable[[CancelGoal], int]
+        sent: Any
+        standing: GoalStanding
+        result: Any
+    timeout_s: float = 60.0
+    number: int = 0
+
+    CALLING = State()
+    FAILED = State()
+    LATE = State()
+    DONE = State()
+
+    def goal(self, number: int) -> Message:
+        """Make the goal, which carries that number."""
+        raise NotImplementedError
+
+    def reason(self, result: Any) -> str:
+        """Return the server's reason for a failure; "" if it gives none."""
+        number = f"error {result.error_code}" if result.error_code else ""
+        text: str = result.error_msg
+        return f"{text} ({number})" if text and number else text or number
+
+    def name_of_goal(self) -> str:
+        """Return the name of the slot, for the errors."""
+        return str(type(self).send.slot.name)  # type: ignore[attr-defined]
+
+    @CALLING.on_entry
+    def _(self) -> None:
+        self.number = max(self.sent.number, self.standing.number) + 1
+        self.send(self.goal(self.number))
+
+    @FAILED.on_entry
+    def _(self) -> None:
+        standing, result = self.standing, self.result
+        why = standing.failure
+        if result.number == self.number and not why:
+            why = self.reason(result)
+        how = f"the goal was {standing.status.name.lower()}"
+        raise CallFailedError(f"{self.name_of_goal()}: {how}{why and ': '}{why}")
+
+    @LATE.on_entry
+    def _(self) -> None:
+        what = f"{self.name_of_goal()}: no answer within {self.timeout_s:g} s"
+        raise CallFailedError(what)
+
+    CALLING.to(DONE, when=lambda self: self.standing.has_succeeded(self.number))
+    CALLING.to(FAILED, when=lambda self: self.standing.has_failed(self.number))
+    CALLING.to(LATE, when=lambda self: self.after(self.timeout_s))
+
+
+def ports_of(action: ActionWithResult) -> CallerPorts:
+    """Make the ports `send`, `cancel`, `sent`, `standing` and `result` of a `GoalCaller`."""
+    return (
+        Actuator(action.goal),
+        Actuator(action.cancel, at_end=CancelGoal()),
+        Sensor(action.goal, default=action.goal.type()),
+        Sensor(action.status, default=GoalStanding()),
+        Sensor(action.result, default=action.result.type()),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable, Iterator
+from inspect import isfunction
 from types import FunctionType
 from typing import Any
 
@@ -63,6 +64,8 @@ class _Reader:
         for state in table.states:
             for each in state.sections.values():
                 self.expect_only_machine(each, "a section")
+                sections += [code] if (code := self.code(each)) else []
+            for each in filter(isfunction, state.runs):  # what makes the machines that it runs
                 sections += [code] if (code := self.code(each)) else []
         return Subject(
             [self.state(state) for state in table.states],

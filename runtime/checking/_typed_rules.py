@@ -243,13 +243,18 @@ def _of_post(piece: Piece, node: ast.Call, port: str) -> Iterator[Finding]:
             given = piece.types.of(posted)
             if piece.types.value_of(posted) is slot.type:
                 text = f"actuator {port!r} posts a message, not its class: {slot.type.__name__}()"
-            elif given and not any(_is_kind_of(each, slot.type) for each in given):
+            elif given and not any(_may_be(each, slot.type) for each in given):
                 text = f"actuator {port!r} posts {slot.type.__name__}, not {named(given)}"
             else:
                 return
         case _:
             text = f"actuator {port!r} takes one message: {slot.type.__name__}(...)"
     yield piece.finding(node, "error", text)
+
+
+def _may_be(given: object, kind: type) -> bool:
+    """Check that a value of type `given` may be one of `kind`: also if only a base is declared."""
+    return _is_kind_of(given, kind) or (isinstance(given, type) and issubclass(kind, given))
 
 
 def _of_message(piece: Piece, node: ast.Call, message: type[msgspec.Struct]) -> Iterator[Finding]:

@@ -80,7 +80,7 @@ def _loop_variables(code: CodeType) -> frozenset[str]:
 
 
 class Waiting(NamedTuple):
-    """What a machine in one state waits for, besides requests and a stop."""
+    """All that a machine in one state waits for, besides requests and a stop."""
 
     polls: str = ""
     """The reason why it has to be polled; "" if only what is listed here can change anything."""
@@ -88,7 +88,9 @@ class Waiting(NamedTuple):
     machines: frozenset[str] = frozenset()
     """The machines of whose statuses it asks."""
     limits_ns: tuple[int, ...] = ()
-    """Times in the state: beyond each, something may change."""
+    """Times in the state, in order: beyond each, something may change."""
+    limits_in: tuple[tuple[str, float], ...] = ()
+    """Variables that hold such times, each with the nanoseconds of its unit."""
 
 
 class State:

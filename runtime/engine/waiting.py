@@ -26,7 +26,8 @@ given: the engine reads no texts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from math import floor
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from llfsm.runtime.engine.clock import FOREVER
@@ -75,7 +76,7 @@ class Stillness:
                 return 0
             if waiting.machines and not waiting.machines <= kernel.roster.named.keys():
                 return 0  # another process runs it, and publishes its status when it likes
-            if waiting.limits_ns or waiting.sensors:
+            if waiting.limits_ns or waiting.limits_in or waiting.sensors:
                 until_ns = min(until_ns, _until_ns(seat, waiting))
         return until_ns
 
@@ -115,7 +116,11 @@ class Stillness:
 def _until_ns(seat: Seat, waiting: Waiting) -> int:
     """Return until when neither the time in the state nor a message's age changes anything."""
     until_ns, now_ns, entered_ns = FOREVER, seat.now(), seat.entered_ns
-    for limit_ns in waiting.limits_ns:
+    limits_ns: Iterable[int] = waiting.limits_ns
+    if waiting.limits_in:
+        held = (getattr(seat.machine, name) * unit for name, unit in waiting.limits_in)
+        limits_ns = sorted((*limits_ns, *(floor(min(limit_ns, FOREVER)) for limit_ns in held)))
+    for limit_ns in limits_ns:
         if now_ns - entered_ns <= limit_ns:
             until_ns = entered_ns + limit_ns + 1
             break  # they are in order

@@ -87,8 +87,10 @@ class GuardReads:
     """The machines whose status it asks; "" stands for those whose names are not in the text."""
     limits_ns: set[float] = field(default_factory=set)
     """The times in the state at which it may change its value."""
+    limits_in: set[tuple[str, float]] = field(default_factory=set)
+    """The variables that hold such a time, each with the nanoseconds of its unit."""
     reads_time: bool = False
-    """True if it compares the time in the state with a limit that is not in the text."""
+    """True if it compares the time in the state with a limit that is computed."""
     stopping: bool = False
     open: str = ""
     """The name because of which it is open; "" if it is closed."""
@@ -248,6 +250,8 @@ class _Function:
             elif issubclass(kind, Enum) and name in ("name", "value"):
                 if not all(cannot_change(each.value) for each in kind):
                     _refuse(node)
+            elif issubclass(kind, Enum) and isinstance(found, property):
+                self._enter(node, found.fget, (kind,))
             elif not (is_message(kind) and name in fields_of(kind)):
                 self._constant(node, name, found)
 
@@ -304,6 +308,10 @@ class _Function:
         match node.args:
             case [ast.Constant(int(limit) | float(limit))] if name in CLOCK and not node.keywords:
                 self._reads.limits_ns.add(limit * CLOCK[name])
+            case [ast.Attribute(ast.Name(self._code.machine), limit)] if (
+                name in CLOCK and limit in self._whole.table.variables and not node.keywords
+            ):
+                self._reads.limits_in.add((limit, CLOCK[name]))
             case [_] if name in CLOCK and not node.keywords:
                 self._reads.reads_time = True
             case [other] if name in _STATUSES and not node.keywords:

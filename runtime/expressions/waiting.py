@@ -1,4 +1,4 @@
-"""What a machine waits for in a state, found out in the texts of its guards."""
+"""All that a machine waits for in a state, found out in the texts of its guards."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ def waiting_text(waiting: Waiting) -> str:
     awaited = sorted(waiting.sensors)
     awaited += [f"the status of {name}" for name in sorted(waiting.machines)]
     awaited += [f"{limit_ns / 1e9:g} s" for limit_ns in waiting.limits_ns]
+    awaited += [f"the time in {name}" for name, _ in waiting.limits_in]
     if not awaited:
         return "waits for requests"
     *others, last = awaited
@@ -36,6 +37,7 @@ def waiting_in(table: Table, state: State) -> Waiting:
     sensors: set[str] = set()
     machines: set[str] = set()
     limits_ns: set[float] = set()
+    limits_in: set[tuple[str, float]] = set()
     for transition in state.transitions:
         if transition.after_ms is not None:
             limits_ns.add(transition.after_ms * 1_000_000)
@@ -52,9 +54,11 @@ def waiting_in(table: Table, state: State) -> Waiting:
         sensors |= reads.sensors
         machines |= reads.machines
         limits_ns |= reads.limits_ns
+        limits_in |= reads.limits_in
     return Waiting(
         "",
         frozenset(sensors),
         frozenset(machines),
         tuple(sorted(floor(min(limit_ns, FOREVER)) for limit_ns in limits_ns)),
+        tuple(sorted(limits_in)),
     )

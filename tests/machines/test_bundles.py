@@ -22,11 +22,15 @@ from llfsm.runtime.engine.machine import MachineType
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer
 
+WITHOUT_BUNDLE = {
+    *llfsm.machines.behaviours.__all__,
+    *llfsm.machines.nav2.__all__,
+    *llfsm.machines.arms.__all__,
+}
 SHIPPED = [
     each
     for each in llfsm.machines.__all__
-    if isinstance(vars(llfsm.machines)[each], MachineType)
-    and each not in llfsm.machines.behaviours.__all__
+    if isinstance(vars(llfsm.machines)[each], MachineType) and each not in WITHOUT_BUNDLE
 ]
 FOLDER = Path(llfsm.machines.__file__).parent
 EXPRESSIONS = {  # of the guards that the classes have given names

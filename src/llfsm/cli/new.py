@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from llfsm.cli.echo import echo
+from llfsm.cli.machines import find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
     SUFFIX,
@@ -20,15 +21,21 @@ from llfsm.runtime.bundles import (
 )
 from llfsm.runtime.converting import module_name, write_class
 from llfsm.runtime.engine.errors import BundleError
-from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
+from llfsm.runtime.engine.table import REQUIRED, MachineLayout, StateBox, TransitionPath
 
 
 @click.command()
 @click.argument("name")
 @click.option("--class", "kind", flag_value="class", help="Make only a class in a Python file.")
 @click.option("--bundle", "kind", flag_value="bundle", help="Make a .machine bundle.")
+@click.option(
+    "--from",
+    "base",
+    metavar="MACHINE",
+    help="Make a class that extends MACHINE: one that ships, of an installed package, or yours.",
+)
 @output_option("it")
-def new(name: str, kind: str | None, output: Path) -> None:
+def new(name: str, kind: str | None, base: str | None, output: Path) -> None:
     """Make machine NAME, which counts for a second and ends; comments explain its code.
 
     It is a class in a folder of its own, with a test, an arrangement file and a README. Existing
@@ -38,6 +45,7 @@ def new(name: str, kind: str | None, output: Path) -> None:
     llfsm new Patrol
     llfsm new WallFollower --class
     llfsm new Blinker --bundle
+    llfsm new NightPatrol --from Patrol
     """
     if not (name.isascii() and name.isidentifier()) or iskeyword(name):
         raise click.UsageError(
@@ -51,7 +59,12 @@ def new(name: str, kind: str | None, output: Path) -> None:
         ("run {0}", "check {0}", "draw {0} -o {1}.svg"),
         output,
     )
-    if kind == "bundle":
+    if base is not None:
+        if kind == "bundle":
+            raise click.UsageError("--from makes a class: leave --bundle out")
+        wrote = write_class(name, _extended(name, base), output)
+        kind = "class"
+    elif kind == "bundle":
         wrote, machine, folder = output / f"{name}{SUFFIX}", str(output / name), Path()
         write_bundle(_bundle(name), wrote)
     elif kind == "class":
@@ -67,6 +80,31 @@ def new(name: str, kind: str | None, output: Path) -> None:
         echo("  pytest")
     for command in commands:
         echo(f"  llfsm {command.format(shlex.quote(machine), name)}")
+
+
+def _extended(name: str, base: str) -> str:
+    """Write the text of a class that extends another one."""
+    from llfsm import machines as shipped  # here, as it imports all of them
+
+    cls = find_machine_class(base)
+    if cls.table.path.endswith(SUFFIX) or "<locals>" in cls.__qualname__:
+        raise click.UsageError(f"--from {base}: it is no class of a module; see llfsm convert")
+    public = getattr(shipped, cls.__name__, None) is cls
+    what = (cls.__doc__ or f"A {cls.__name__}.").strip().partition("\n")[0]
+    variables = [
+        f"    # {each.name}: {each.type_text} = {each.default!r}\n"
+        for each in cls.table.variables.values()
+        if each.default is not REQUIRED
+    ]
+    return _EXTENDED.format(
+        name=name,
+        base=cls.__name__,
+        module=shipped.__name__ if public else cls.__module__,
+        what=what,
+        variables="".join(variables) or "    # It has none.\n",
+        first=cls.table.initial.name,
+        states=", ".join(state.name for state in cls.table.states),
+    )
 
 
 def _write_project(name: str, text: str, folder: Path) -> None:
@@ -85,6 +123,23 @@ def _write_project(name: str, text: str, folder: Path) -> None:
         (folder / file).write_text(content.format(name=name, module=module), encoding="utf-8")
 
 
+_EXTENDED = '''\
+"""{base}, as it is needed here."""
+
+from {module} import {base}
+
+__all__ = ["{name}"]
+
+
+class {name}({base}):
+    """{what}"""
+
+    # Its variables, with their defaults: give those another one that need it.
+{variables}
+    # Its states are {states}.
+    # Sections and transitions that are added to them come on top, as
+    # ``@{base}.{first}.on_entry``; so do states of its own.
+'''
 _TEST = '''\
 """{name} under a clock that only the test moves: a second takes no time."""
 

@@ -301,11 +301,12 @@ class Asks(Machine):
     asks = State()
     end = State(final=True)
     plain.to(internal, when=lambda m: m.after_ms(40) and m.go is None)
+    plain.to(internal, when=lambda m: m.after_ms(m.limit) and m.go is None)
     plain.to(internal, after_ms=70.5, when=lambda m: m.is_suspended("Other"))
     internal.to(opens, after_ms=3)
     opens.to(ages, when=is_odd)
     ages.to(computed, when=lambda m: m.age_ms("go") == 3)
-    computed.to(asks, when=lambda m: m.after_ms(m.limit))
+    computed.to(asks, when=lambda m: m.after_ms(m.limit + 1))
     asks.to(end, when=lambda m: m.is_suspended(f"{m.limit}"))
 
     @internal.internal
@@ -331,6 +332,7 @@ def test_why_a_state_is_polled_is_known() -> None:
     assert plain.sensors == {"go"}
     assert plain.machines == {"Other"}
     assert plain.limits_ns == (40_000_000, 70_500_000)
+    assert plain.limits_in == (("limit", 1e6),)
 
 
 class Other(Machine):
@@ -366,11 +368,11 @@ def test_each_limit_is_waited_for() -> None:
     arrangement.round()
     stillness = Stillness(arrangement.kernel, waiting_in)
     found = []
-    for _ in range(3):
+    for _ in range(4):
         found.append(stillness.until_ns())
         clock.sleep_until_ns(min(found[-1], 10**12))
         assert not arrangement.round()
-    assert found == [40_000_001, 70_500_001, FOREVER]
+    assert found == [20_000_001, 40_000_001, 70_500_001, FOREVER]
 
 
 def test_a_turn_that_is_to_do_something_is_not_waited_for() -> None:

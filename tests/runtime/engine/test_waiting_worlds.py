@@ -51,6 +51,7 @@ GUARDS: dict[str, Callable[[Any], bool] | None] = {
     "asks": lambda m: m.is_suspended("A"),
     "polled": lambda m: m.age_ms("right") is not None and m.age_ms("right") > 35,
     "computed": lambda m: m.after_ms(m.level * 40),
+    "held": lambda m: m.timeout(m.time_us),
 }
 LIMITS = (None, None, 0, 10, 25, 95, 340)
 DEEDS = ("left", "right", "suspend", "resume", "restart", "nothing", "nothing", "load", "call")
@@ -95,7 +96,8 @@ def make(name: str, drawn: Any, library: dict[str, Any]) -> type[Machine]:
         "to_right": Actuator(RIGHT, at_end=Int32(-2)),
         "is_high": property(is_high),
     }
-    variables = {"level": (int, level), "count": (int, 0)}
+    time_us = 20_000 * level
+    variables = {"level": (int, level), "count": (int, 0), "time_us": (float, time_us)}
     return define(name, made, variables=variables, attributes=attributes)
 
 
