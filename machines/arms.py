@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from llfsm.machines.calls import GoalCaller, ports_of
-from llfsm.machines.nav2 import ActionSlots, duration
-from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
-from llfsm.whiteboard import Message, Slot
+from llfsm.machines.calls import ActionSlots, GoalCaller, ports_of
+from llfsm.machines.nav2 import duration
+from llfsm.runtime.goals import GoalStatus
+from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages.builtin_interfaces import Duration
 from llfsm.whiteboard.messages.geometry_msgs import Transform, Twist
 from llfsm.whiteboard.messages.std_msgs import Header
@@ -163,22 +163,17 @@ class GripperCommandResult(Message, type_name="control_msgs/action/GripperComman
     failure: str = ""
 
 
-FOLLOW_JOINT_TRAJECTORY = ActionSlots(
-    Slot("joint_trajectory_controller/follow_joint_trajectory/goal", FollowJointTrajectoryGoal),
-    Slot("joint_trajectory_controller/follow_joint_trajectory/cancel", CancelGoal),
-    Slot("joint_trajectory_controller/follow_joint_trajectory/status", GoalStanding),
-    Slot(
-        "joint_trajectory_controller/follow_joint_trajectory/feedback",
-        FollowJointTrajectoryFeedback,
-    ),
-    Slot("joint_trajectory_controller/follow_joint_trajectory/result", FollowJointTrajectoryResult),
+FOLLOW_JOINT_TRAJECTORY = ActionSlots.of(
+    "joint_trajectory_controller/follow_joint_trajectory",
+    FollowJointTrajectoryGoal,
+    FollowJointTrajectoryFeedback,
+    FollowJointTrajectoryResult,
 )
-GRIPPER_COMMAND = ActionSlots(
-    Slot("gripper_controller/gripper_cmd/goal", GripperCommandGoal),
-    Slot("gripper_controller/gripper_cmd/cancel", CancelGoal),
-    Slot("gripper_controller/gripper_cmd/status", GoalStanding),
-    Slot("gripper_controller/gripper_cmd/feedback", GripperCommandFeedback),
-    Slot("gripper_controller/gripper_cmd/result", GripperCommandResult),
+GRIPPER_COMMAND = ActionSlots.of(
+    "gripper_controller/gripper_cmd",
+    GripperCommandGoal,
+    GripperCommandFeedback,
+    GripperCommandResult,
 )
 
 

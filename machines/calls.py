@@ -9,7 +9,7 @@ runs it, suspends it or kills its process cancels its goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 from msgspec.structs import replace
 
@@ -20,7 +20,15 @@ from llfsm.runtime.engine.machine import define
 from llfsm.runtime.goals import CancelGoal, GoalStanding
 from llfsm.whiteboard import Message, Slot
 
-__all__ = ["CallAction", "CallFailedError", "CallService", "GoalCaller", "ports_of"]
+__all__ = [
+    "ActionSlots",
+    "CallAction",
+    "CallFailedError",
+    "CallService",
+    "GoalCaller",
+    "ServiceSlots",
+    "ports_of",
+]
 
 Asked = Message | Callable[[Any], Message]
 
@@ -47,6 +55,41 @@ class ActionWithResult(Action, Protocol):
 
     @property
     def result(self) -> Slot[Any]: ...
+
+
+class ActionSlots(NamedTuple):
+    """The slots of an action, of which the messages are known without ROS."""
+
+    goal: Slot[Any]
+    cancel: Slot[CancelGoal]
+    status: Slot[GoalStanding]
+    feedback: Slot[Any]
+    result: Slot[Any]
+
+    @classmethod
+    def of(
+        cls, name: str, goal: type[Message], feedback: type[Message], result: type[Message]
+    ) -> ActionSlots:
+        """Make the slots that a bridge makes of an action of that name."""
+        return cls(
+            Slot(f"{name}/goal", goal),
+            Slot(f"{name}/cancel", CancelGoal),
+            Slot(f"{name}/status", GoalStanding),
+            Slot(f"{name}/feedback", feedback),
+            Slot(f"{name}/result", result),
+        )
+
+
+class ServiceSlots(NamedTuple):
+    """The slots of a service, of which the messages are known without ROS."""
+
+    request: Slot[Any]
+    answer: Slot[Any]
+
+    @classmethod
+    def of(cls, name: str, request: type[Message], answer: type[Message]) -> ServiceSlots:
+        """Make the slots that a bridge makes of a service of that name."""
+        return cls(Slot(f"{name}/request", request), Slot(f"{name}/answer", answer))
 
 
 CallerPorts = tuple[Actuator[Any], Actuator[CancelGoal], Any, Any, Any]
@@ -147,11 +190,11 @@ class GoalCaller(Machine):
     """
 
     if TYPE_CHECKING:
-        send: Callable[[Message], int]
-        cancel: Callable[[CancelGoal], int]
-        sent: Any
-        standing: GoalStanding
-        result: Any
+        send: ClassVar[Any]
+        cancel: ClassVar[Any]
+        sent: ClassVar[Any]
+        standing: ClassVar[Any]
+        result: ClassVar[Any]
     timeout_s: float = 60.0
     number: int = 0
 
@@ -172,7 +215,7 @@ class GoalCaller(Machine):
 
     def name_of_goal(self) -> str:
         """Return the name of the slot, for the errors."""
-        return str(type(self).send.slot.name)  # type: ignore[attr-defined]
+        return str(type(self).send.slot.name)
 
     @CALLING.on_entry
     def _(self) -> None:

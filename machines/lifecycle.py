@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-from llfsm.machines.calls import CallService
+from llfsm.machines.calls import CallService, ServiceSlots
 from llfsm.machines.combinators import Sequence
 from llfsm.runtime import DefinitionError, Machine
-from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages.types import UInt8
 
 __all__ = ["LifecycleBringUp", "change_state_slots"]
@@ -35,22 +33,12 @@ class ChangeStateAnswer(Message, type_name="lifecycle_msgs/srv/ChangeState_Respo
     failure: str = ""
 
 
-class ChangeStateSlots(NamedTuple):
-    """The slots of a node's service."""
-
-    request: Slot[Any]
-    answer: Slot[Any]
-
-
 CONFIGURE, ACTIVATE = Transition(1, "configure"), Transition(3, "activate")
 
 
-def change_state_slots(node: str) -> ChangeStateSlots:
+def change_state_slots(node: str) -> ServiceSlots:
     """Return the slots of a node's ``change_state`` service, as a bridge makes them."""
-    return ChangeStateSlots(
-        Slot(f"{node}/change_state/request", ChangeStateRequest),
-        Slot(f"{node}/change_state/answer", ChangeStateAnswer),
-    )
+    return ServiceSlots.of(f"{node}/change_state", ChangeStateRequest, ChangeStateAnswer)
 
 
 def LifecycleBringUp(  # noqa: N802  # makes classes

@@ -10,12 +10,11 @@ load, simulate or prove these machines.
 from __future__ import annotations
 
 from math import cos, sin
-from typing import Any, NamedTuple
 
-from llfsm.machines.calls import CallService, GoalCaller, ports_of
+from llfsm.machines.calls import ActionSlots, CallService, GoalCaller, ServiceSlots, ports_of
 from llfsm.machines.combinators import Sequence
-from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
-from llfsm.whiteboard import Message, Slot
+from llfsm.runtime.goals import GoalStatus
+from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages.builtin_interfaces import Duration
 from llfsm.whiteboard.messages.geometry_msgs import Point, Pose, PoseStamped, Quaternion
 from llfsm.whiteboard.messages.std_msgs import Empty, Header
@@ -32,7 +31,6 @@ __all__ = [
     "NAVIGATE_TO_POSE",
     "SPIN",
     "UNDOCK_ROBOT",
-    "ActionSlots",
     "AssistedTeleop",
     "BackUp",
     "ClearCostmaps",
@@ -41,7 +39,6 @@ __all__ = [
     "DriveOnHeading",
     "FollowWaypoints",
     "NavigateTo",
-    "ServiceSlots",
     "Spin",
     "Undock",
     "duration",
@@ -261,9 +258,6 @@ class UndockRobotResult(Message, type_name="nav2_msgs/action/UndockRobot_Result"
     failure: str = ""
 
 
-# The slots, under Nav2's names of the actions
-
-
 class ClearRequest(Message, type_name="nav2_msgs/srv/ClearEntireCostmap_Request"):
     """Clear a costmap."""
 
@@ -279,58 +273,28 @@ class ClearAnswer(Message, type_name="nav2_msgs/srv/ClearEntireCostmap_Response"
     failure: str = ""
 
 
-class ServiceSlots(NamedTuple):
-    """The slots of one service."""
-
-    request: Slot[Any]
-    answer: Slot[Any]
-
-
-class ActionSlots(NamedTuple):
-    """The slots of one action."""
-
-    goal: Slot[Any]
-    cancel: Slot[CancelGoal]
-    status: Slot[GoalStanding]
-    feedback: Slot[Any]
-    result: Slot[Any]
-
-
-def _slots(
-    name: str, goal: type[Message], feedback: type[Message], result: type[Message]
-) -> ActionSlots:
-    return ActionSlots(
-        Slot(f"{name}/goal", goal),
-        Slot(f"{name}/cancel", CancelGoal),
-        Slot(f"{name}/status", GoalStanding),
-        Slot(f"{name}/feedback", feedback),
-        Slot(f"{name}/result", result),
-    )
-
-
-NAVIGATE_TO_POSE = _slots(
+NAVIGATE_TO_POSE = ActionSlots.of(
     "navigate_to_pose", NavigateToPoseGoal, NavigateToPoseFeedback, NavigateToPoseResult
 )
-FOLLOW_WAYPOINTS = _slots(
+FOLLOW_WAYPOINTS = ActionSlots.of(
     "follow_waypoints", FollowWaypointsGoal, FollowWaypointsFeedback, FollowWaypointsResult
 )
-BACK_UP = _slots("backup", BackUpGoal, BackUpFeedback, BackUpResult)
-DRIVE_ON_HEADING = _slots(
+BACK_UP = ActionSlots.of("backup", BackUpGoal, BackUpFeedback, BackUpResult)
+DRIVE_ON_HEADING = ActionSlots.of(
     "drive_on_heading", DriveOnHeadingGoal, DriveOnHeadingFeedback, DriveOnHeadingResult
 )
-SPIN = _slots("spin", SpinGoal, SpinFeedback, SpinResult)
-ASSISTED_TELEOP = _slots(
+SPIN = ActionSlots.of("spin", SpinGoal, SpinFeedback, SpinResult)
+ASSISTED_TELEOP = ActionSlots.of(
     "assisted_teleop", AssistedTeleopGoal, AssistedTeleopFeedback, AssistedTeleopResult
 )
-DOCK_ROBOT = _slots("dock_robot", DockRobotGoal, DockRobotFeedback, DockRobotResult)
-UNDOCK_ROBOT = _slots("undock_robot", UndockRobotGoal, UndockRobotFeedback, UndockRobotResult)
+DOCK_ROBOT = ActionSlots.of("dock_robot", DockRobotGoal, DockRobotFeedback, DockRobotResult)
+UNDOCK_ROBOT = ActionSlots.of(
+    "undock_robot", UndockRobotGoal, UndockRobotFeedback, UndockRobotResult
+)
 
 
 CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP = (
-    ServiceSlots(
-        Slot(f"{which}_costmap/clear_entirely_{which}_costmap/request", ClearRequest),
-        Slot(f"{which}_costmap/clear_entirely_{which}_costmap/answer", ClearAnswer),
-    )
+    ServiceSlots.of(f"{which}_costmap/clear_entirely_{which}_costmap", ClearRequest, ClearAnswer)
     for which in ("global", "local")
 )
 

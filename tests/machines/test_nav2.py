@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from llfsm.bridges.ros2.bridging import action_slots, service_slots
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.machines import arms, lifecycle, nav2
-from llfsm.machines.calls import GoalCaller
+from llfsm.machines.calls import ActionSlots, GoalCaller
 from llfsm.runtime import Arrangement, ExecutionError, Machine, ManualClock, State
 from llfsm.runtime.checking import check_class
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
@@ -25,7 +25,7 @@ from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.message import describe
 from llfsm.whiteboard.messages.geometry_msgs import Point
 
-ACTIONS: dict[str, tuple[nav2.ActionSlots, type[GoalCaller]]] = {
+ACTIONS: dict[str, tuple[ActionSlots, type[GoalCaller]]] = {
     "nav2_msgs/action/NavigateToPose": (nav2.NAVIGATE_TO_POSE, nav2.NavigateTo),
     "nav2_msgs/action/FollowWaypoints": (nav2.FOLLOW_WAYPOINTS, nav2.FollowWaypoints),
     "nav2_msgs/action/BackUp": (nav2.BACK_UP, nav2.BackUp),
@@ -93,7 +93,7 @@ class Mission:
     def get(self, slot: Slot[Any]) -> Any:
         return self.board.get_message(slot)
 
-    def stand(self, slots: nav2.ActionSlots, status: GoalStatus, failure: str = "") -> None:
+    def stand(self, slots: ActionSlots, status: GoalStatus, failure: str = "") -> None:
         number = self.get(slots.goal).number
         self.board.add_message(slots.status, GoalStanding(number, status, failure))
 
@@ -159,7 +159,7 @@ def test_no_goal_goes_on_that_nobody_waits_for(caller: str, requests: Sequence[s
             assert canceled_at == goal.number, states
 
 
-def failure_of(machine: Machine, slots: nav2.ActionSlots, result: Any, status: GoalStatus) -> str:
+def failure_of(machine: Machine, slots: ActionSlots, result: Any, status: GoalStatus) -> str:
     board = LocalBoard()
     call = Arrangement([machine], whiteboard=board, clock=ManualClock())
     call.round()
@@ -193,7 +193,7 @@ def test_the_failure_has_the_reason_of_the_server() -> None:
     assert "aborted: the fingers are at 0.02 m (stalled)" in found
 
 
-def goal_of(machine: Machine, slots: nav2.ActionSlots) -> Any:
+def goal_of(machine: Machine, slots: ActionSlots) -> Any:
     board = LocalBoard()
     Arrangement([machine], whiteboard=board, clock=ManualClock()).round()
     return board.get_message(slots.goal)
