@@ -163,6 +163,7 @@ SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	LLFSM_STRESS=80 $(PYTEST) -s tests/stress/test_stress.py
 	LLFSM_SOAK=1 $(TEST) -m soak
+	LLFSM_WAITING_WORLDS=200000 $(PYTEST) --timeout 36000 tests/runtime/engine/test_waiting_worlds.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py

@@ -53,23 +53,36 @@ from llfsm.machines.nav2 import (
 )
 from llfsm.machines.ping_pong import RosPingPong
 from llfsm.machines.press import PressHands, PressRam
+from llfsm.machines.stand_ins import (
+    BackUpStandIn,
+    ClearCostmapsStandIn,
+    DockStandIn,
+    DriveOnHeadingStandIn,
+    NavigateToStandIn,
+    SpinStandIn,
+    UndockStandIn,
+)
 from llfsm.machines.suspend_resume import TurtleSuspendResume
 from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
     "AssistedTeleop",
     "BackUp",
+    "BackUpStandIn",
     "BatteryWatch",
     "CallAction",
     "CallFailedError",
     "CallService",
     "ClearCostmaps",
+    "ClearCostmapsStandIn",
     "CollisionStop",
     "CommandArbiter",
     "Cooldown",
     "Dock",
     "DockAndCharge",
+    "DockStandIn",
     "DriveOnHeading",
+    "DriveOnHeadingStandIn",
     "EmergencyStop",
     "Fallback",
     "FollowJointTrajectory",
@@ -85,6 +98,7 @@ __all__ = [
     "MissionQueue",
     "MoveGripper",
     "NavigateTo",
+    "NavigateToStandIn",
     "NoMessageError",
     "OvenAlarm",
     "OvenCooker",
@@ -106,11 +120,13 @@ __all__ = [
     "Sequence",
     "SpeedLimit",
     "Spin",
+    "SpinStandIn",
     "StuckWatch",
     "Timeout",
     "TookTooLongError",
     "TurtleSuspendResume",
     "Undock",
+    "UndockStandIn",
     "WaitForMessage",
     "While",
 ]

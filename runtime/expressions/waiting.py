@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from math import floor
 from typing import TYPE_CHECKING
 
 from llfsm.runtime.engine.clock import FOREVER
-from llfsm.runtime.engine.state import SECTIONS, Waiting
+from llfsm.runtime.engine.source_text import syntax_of
+from llfsm.runtime.engine.state import SECTIONS, SectionCode, Waiting
 from llfsm.runtime.expressions.guards import reads_of_guard
 
 if TYPE_CHECKING:
@@ -32,7 +34,8 @@ def waiting_text(waiting: Waiting) -> str:
 
 def waiting_in(table: Table, state: State) -> Waiting:
     """Find out what machines with this table wait for in a state, once they have entered it."""
-    if state.sections.get(_INTERNAL) is not None:
+    internal = state.sections.get(_INTERNAL)
+    if internal is not None and not _is_empty(internal):
         return Waiting("its Internal")
     sensors: set[str] = set()
     machines: set[str] = set()
@@ -61,4 +64,14 @@ def waiting_in(table: Table, state: State) -> Waiting:
         frozenset(machines),
         tuple(sorted(floor(min(limit_ns, FOREVER)) for limit_ns in limits_ns)),
         tuple(sorted(limits_in)),
+    )
+
+
+def _is_empty(code: SectionCode) -> bool:
+    """Check that a section has nothing to run, but ``pass`` or a docstring."""
+    node = syntax_of(code)
+    return isinstance(node, ast.FunctionDef) and all(
+        isinstance(each, ast.Pass)
+        or (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))
+        for each in node.body
     )

@@ -12,7 +12,15 @@ from pathlib import Path
 from measure import Sampler, Subject
 
 from llfsm.machines import RosWallTurttleBot
-from llfsm.runtime import Arrangement, Machine, MonotonicClock, State, TimeSlot, Timetable
+from llfsm.runtime import (
+    Arrangement,
+    Machine,
+    ManualClock,
+    MonotonicClock,
+    State,
+    TimeSlot,
+    Timetable,
+)
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.runtime.debugging import Debugger
 from llfsm.runtime.engine.schedule import Pacer
@@ -88,6 +96,29 @@ class Counting(Machine):
         return self.count < 0
 
 
+class Ticking(Machine):
+    """Wait for a second, again and again, for a minute."""
+
+    seconds: int = 0
+
+    even = State()
+    odd = State()
+    done = State()
+    even.to(done, when=lambda self: self.seconds >= 60)
+    even.to(odd, after_ms=1000)
+    odd.to(even, after_ms=1000)
+
+    @odd.on_entry
+    def _(self) -> None:
+        self.seconds += 2
+
+
+class Polled(Arrangement):
+    """Run each round, also those that can change nothing."""
+
+    analysis = None
+
+
 _FULL = BundleTransition("there", Fragment("count < 0\n"))
 COUNTING = Bundle(
     "CountingBundle",
@@ -105,7 +136,9 @@ def subjects() -> Iterator[dict[str, Subject]]:
     name = f"bench-{os.getpid()}"
     with Whiteboard(name) as board, Whiteboard(name) as elsewhere:
         try:
-            yield _on_board(board, elsewhere) | _machines() | _paced() | _walls(board)
+            yield (
+                _on_board(board, elsewhere) | _machines() | _paced() | _walls(board) | _minutes()
+            )
         finally:
             board.remove()
 
@@ -227,6 +260,18 @@ def _walls(board: Whiteboard) -> dict[str, Subject]:
         )
 
     return {"wall": driving(Arrangement), "wall, defined": driving(Defined)}
+
+
+def _minutes() -> dict[str, Subject]:
+    """Run a simulated minute of ten machines that wait for a second at a time."""
+
+    def minute(kind: type[Arrangement]) -> Subject:
+        def run() -> None:
+            kind([Ticking() for _ in range(10)], clock=ManualClock()).run()
+
+        return Subject("run()", {"run": run})
+
+    return {"minute": minute(Arrangement), "minute, polled": minute(Polled)}
 
 
 class Timing(Machine):

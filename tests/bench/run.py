@@ -156,6 +156,10 @@ def _calls(pace: Pace) -> Iterator[Row]:
         ):
             pairs.append((what, mine[name], "without one", plain, SLOWER, promised))
         pairs.append(("a ringlet, timed", mine["timed"], "untimed", plain, SLOWER, None))
+        polled = mine["minute, polled"]
+        pairs.append(
+            ("a minute of ten that wait", mine["minute"], "each round run", polled, FASTER, 4)
+        )
         for what, timed, untimed in (
             ("  of ten machines", "ten timed", "ten"),
             ("  and with a period", "period", "period, untimed"),

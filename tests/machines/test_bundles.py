@@ -26,6 +26,7 @@ WITHOUT_BUNDLE = {
     *llfsm.machines.behaviours.__all__,
     *llfsm.machines.nav2.__all__,
     *llfsm.machines.arms.__all__,
+    *llfsm.machines.stand_ins.__all__,
 }
 SHIPPED = [
     each

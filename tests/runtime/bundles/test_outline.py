@@ -13,19 +13,13 @@ import llfsm.machines
 from llfsm.runtime import BundleError
 from llfsm.runtime.bundles import load_bundle, outline, read_bundle
 from llfsm.runtime.drawing import Diagram, arrange, to_dot, to_mermaid, to_png, to_svg
-from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.engine.source_text import body_of
 from llfsm.runtime.engine.table import Table
 
 from .conftest import CppWriter
 
-SHIPPED = [
-    each
-    for each in llfsm.machines.__all__
-    if isinstance(vars(llfsm.machines)[each], MachineType)
-    and each not in llfsm.machines.behaviours.__all__
-]
 MACHINES = Path(llfsm.machines.__file__).parent
+SHIPPED = sorted(path.stem for path in MACHINES.glob("*.machine"))
 HOSTILE = (
     'strcmp(name, "a<b>&c") == 0',
     "a < b && c > d",

@@ -295,6 +295,7 @@ class Asks(Machine):
 
     plain = State()
     internal = State()
+    empty = State()
     opens = State()
     ages = State()
     computed = State()
@@ -303,7 +304,8 @@ class Asks(Machine):
     plain.to(internal, when=lambda m: m.after_ms(40) and m.go is None)
     plain.to(internal, when=lambda m: m.after_ms(m.limit) and m.go is None)
     plain.to(internal, after_ms=70.5, when=lambda m: m.is_suspended("Other"))
-    internal.to(opens, after_ms=3)
+    internal.to(empty, after_ms=3)
+    empty.to(opens, after_ms=3)
     opens.to(ages, when=is_odd)
     ages.to(computed, when=lambda m: m.age_ms("go") == 3)
     computed.to(asks, when=lambda m: m.after_ms(m.limit + 1))
@@ -311,12 +313,17 @@ class Asks(Machine):
 
     @internal.internal
     def _(self) -> None:
-        pass
+        self.inner = None
+
+    @empty.internal
+    def _(self) -> None:
+        """Do nothing."""
 
 
 POLLS = {
     "plain": "",
     "internal": "its Internal",
+    "empty": "",
     "opens": "random.random, in the guard to ages",
     "ages": "m.age_ms, in the guard to computed",
     "computed": "a limit of time that is computed, in the guard to asks",

@@ -72,8 +72,8 @@ worlds = st.tuples(
 )
 
 
-def make(name: str, drawn: Any, library: dict[str, Any]) -> type[Machine]:
-    """Make the machine class of a drawing."""
+def make(name: str, drawn: Any, library: dict[str, Any], least_ms: int) -> type[Machine]:
+    """Make the machine class of a drawing, of which no transition fires before `least_ms`."""
     rows, level = drawn
     made: list[State] = []
     for number, (_, _, _, _, final, runs) in enumerate(rows):
@@ -83,6 +83,8 @@ def make(name: str, drawn: Any, library: dict[str, Any]) -> type[Machine]:
     for state, (leads, deed, argument, internal, *_) in zip(made, rows, strict=True):
         for guard, limit, target in [] if state.final else leads:
             after_ms = 0 if guard == "none" and limit is None else limit
+            if least_ms:
+                after_ms = max(after_ms or 0, least_ms)
             state.to(made[target % len(made)], when=GUARDS[guard], after_ms=after_ms)
         state.on_entry(entering(deed, argument))
         state.on_exit(lambda m: note(m, "exit"))
@@ -159,7 +161,9 @@ def run(kind: type[Arrangement], drawn: Any, *, polled: bool, tested: bool = Fal
     world = SimpleNamespace(log=log)
     library: dict[str, Any] = {}
     for name, each in reversed([*zip(NAMES, three, strict=True)]):
-        library[name] = make(name, each, library)
+        # `run_until` gives rounds in which a transition fires 10 us: some worlds would have
+        # nothing but these.
+        library[name] = make(name, each, library, 1 if tested else 0)
         library[name].world = world
     board, clock = Whiteboard.local(), ManualClock()
     world.arrangement = arrangement = kind(
