@@ -18,11 +18,17 @@ if TYPE_CHECKING:
 _INTERNAL = SECTIONS[2]
 
 
-def waiting_text(waiting: Waiting) -> str:
-    """Write what a machine waits for, or why it is polled."""
+def waiting_text(table: Table, state: State) -> str:
+    """Write what a machine waits for in a state, or why it is polled."""
+    if state.accepting:
+        return "is final"
+    if any(each.unconditional for each in state.transitions):
+        return "goes on at once"
+    waiting = waiting_in(table, state)
     if waiting.polls:
         return f"is polled: {waiting.polls}"
     awaited = sorted(waiting.sensors)
+    awaited += ["the end of what it runs"] * any(each.ends for each in state.transitions)
     awaited += [f"the status of {name}" for name in sorted(waiting.machines)]
     awaited += [f"{limit_ns / 1e9:g} s" for limit_ns in waiting.limits_ns]
     awaited += [f"the time in {name}" for name, _ in waiting.limits_in]

@@ -118,6 +118,12 @@ class Waits(Machine):
     A.to(Long, when=lambda self: self.level is not None)
     A.to(Long, after=2.5)
     Long.to(C, when=lambda self: random.random() > 0.5)
+class Outer(Machine):
+    GO = State(runs=Waits)
+    ON = State()
+    OVER = State(final=False)
+    GO.to(ON, when_done=True)
+    ON.to(OVER)
 """
 
 
@@ -130,14 +136,20 @@ def test_what_states_wait_for_is_explained(llfsm: Llfsm) -> None:
         "Waits\n"
         "  A     waits for level or 2.5 s\n"
         "  Long  is polled: random.random, in the guard to C\n"
-        "  C     waits for requests\n"
+        "  C     is final\n"
     )
     for machine in ("waits.py:Waits", "robot.toml"):
         done = llfsm.run("check", "--explain", machine)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.endswith(expected.partition("\n")[2])
-    assert (
-        llfsm.run("check", "--explain", "M").stdout == "no findings\nM\n  A  waits for requests\n"
+    done = llfsm.run("check", "--explain", "M")
+    assert done.stdout == "no findings\nM\n  A  is final\n"
+    done = llfsm.run("check", "--explain", "waits.py:Outer")
+    assert done.stdout.endswith(
+        "Outer\n"
+        "  GO    waits for the end of what it runs\n"
+        "  ON    goes on at once\n"
+        "  OVER  waits for requests\n"
     )
 
 

@@ -71,15 +71,14 @@ def check(machines: tuple[str, ...], types: bool, explain: bool) -> None:
 def _explain(machines: Sequence[str]) -> None:
     """Print for each state of the machines what it waits for, or why it is polled."""
     from llfsm.runtime.bundles import load_bundle  # here, as few ask
-    from llfsm.runtime.expressions.waiting import waiting_in, waiting_text
+    from llfsm.runtime.expressions.waiting import waiting_text
 
     for each in _readable(machines):
         machine = load_bundle(each) if isinstance(each, Path) else each
         echo(machine.__name__)
         width = max(len(state.name) for state in machine.table.states)
         for state in machine.table.states:
-            text = waiting_text(waiting_in(machine.table, state))
-            echo(f"  {state.name:<{width}}  {text}")
+            echo(f"  {state.name:<{width}}  {waiting_text(machine.table, state)}")
 
 
 def _check_file(file: Path) -> list[Finding]:
