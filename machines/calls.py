@@ -205,7 +205,7 @@ class GoalCaller(Machine):
 
     def goal(self, number: int) -> Message:
         """Make the goal, which carries that number."""
-        raise NotImplementedError
+        raise NotImplementedError  # each action has its own
 
     def reason(self, result: Any) -> str:
         """Return the server's reason for a failure; "" if it gives none."""

@@ -85,9 +85,9 @@ def MissionQueue(  # noqa: N802  # makes classes
     """Make a machine that runs missions, each in a state of its own, as others ask for them.
 
     `missions` are what states run, by the names under which they are asked for. At most `capacity`
-    wait; a request is refused if that many do, if there is no such mission, or while the machine is
-    to stop. Requests from before it began do not count. A mission that fails is reported, and the
-    next one begins; a stop ends the one that runs.
+    wait; a request is refused if that many do, or if there is no such mission. Requests from before
+    it began do not count. A mission that fails is reported, and the next one begins. It goes on
+    after a suspension; a restart and a stop cancel the one that runs.
     """
     if not missions:
         raise DefinitionError(f"{name}: give it missions, as round=Patrol")
@@ -99,6 +99,7 @@ def MissionQueue(  # noqa: N802  # makes classes
     runs: dict[str, State] = {
         each: State(f"RUN_{each.upper()}", runs=run) for each, run in missions.items()
     }
+    idle.on_entry(_restart)
     idle.to(end, when=_is_stopping, label="stopping")
     for mission, state in runs.items():
         idle.to(state, when=_is_next(mission), label=f"{mission} is next")
@@ -156,9 +157,15 @@ def _is_next(mission: str) -> Callable[[Any], bool]:
     return is_next
 
 
+def _restart(self: Any) -> None:
+    if self.id:
+        _end(self, MissionEnd.CANCELED, "the queue was restarted")
+
+
 def _begin(self: Any) -> None:
-    (self.id, self.mission), *later = self.waiting
-    self.waiting = tuple(later)
+    if not self.id:  # else it goes on after a suspension
+        (self.id, self.mission), *later = self.waiting
+        self.waiting = tuple(later)
     self.stand(MissionStanding(self.mission, self.id, _ids(self)))
 
 

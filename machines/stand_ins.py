@@ -22,8 +22,10 @@ from llfsm.machines.nav2 import (
     NAVIGATE_TO_POSE,
     SPIN,
     UNDOCK_ROBOT,
+    BackUpGoal,
     ClearAnswer,
     ClearRequest,
+    DriveOnHeadingGoal,
 )
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
@@ -75,7 +77,7 @@ class ActionStandIn(Machine):
 
     def seconds(self) -> float:
         """Return the time that the goal takes, 0 or more."""
-        raise NotImplementedError
+        raise NotImplementedError  # each action has its own
 
     def reach(self) -> None:
         """Do what is done when a goal is reached."""
@@ -176,6 +178,11 @@ class SpinStandIn(ActionStandIn):
         return abs(float(self.asked.target_yaw))
 
 
+def _way_s(goal: BackUpGoal | DriveOnHeadingGoal) -> float:
+    """Return the time for the way of a goal at its speed, which is 1 cm/s at least."""
+    return abs(goal.target.x) / max(abs(goal.speed), 0.01)
+
+
 class BackUpStandIn(ActionStandIn):
     """Take the time of the way at the goal's speed."""
 
@@ -183,7 +190,7 @@ class BackUpStandIn(ActionStandIn):
 
     def seconds(self) -> float:
         """Return the time for the way."""
-        return abs(float(self.asked.target.x)) / max(abs(float(self.asked.speed)), 0.01)
+        return _way_s(self.asked)
 
 
 class DriveOnHeadingStandIn(ActionStandIn):
@@ -193,7 +200,7 @@ class DriveOnHeadingStandIn(ActionStandIn):
 
     def seconds(self) -> float:
         """Return the time for the way."""
-        return abs(float(self.asked.target.x)) / max(abs(float(self.asked.speed)), 0.01)
+        return _way_s(self.asked)
 
 
 class DockStandIn(ActionStandIn):

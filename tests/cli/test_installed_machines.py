@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -58,6 +60,28 @@ def test_it_is_run_checked_and_extended_by_its_name(llfsm: Llfsm, site: Path, bo
     assert "# boxes: int = 2" in text
     done = llfsm.run_apart("run", "stacker:Stacker", "-q", "-b", board)
     assert (done.returncode, done.stdout) == (0, "stacks 2\n"), done.stderr
+
+
+def test_a_module_in_the_folder_comes_first(llfsm: Llfsm, site: Path) -> None:
+    install(site, "acme_machines")
+    (llfsm.cwd / "Palletize.py").write_text(MODULE.replace("boxes: int", "crates: int"))
+    done = llfsm.run_apart("check", "Palletize")
+    assert "Palletize.py" in done.stdout  # the local one has findings
+
+
+def test_packages_are_looked_for_only_if_that_is_needed(llfsm: Llfsm) -> None:
+    """It costs as much as all else that a command does at its start."""
+    (llfsm.cwd / "mine.py").write_text(MODULE)
+    code = """
+import sys
+from llfsm.cli.machines import find_machine_class
+for name in ("Patrol", "mine.py", "mine", "mine:Palletize"):
+    find_machine_class(name)
+print("importlib.metadata" in sys.modules)
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=llfsm.cwd, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_a_name_of_two_packages_is_an_error_that_names_both(llfsm: Llfsm, site: Path) -> None:

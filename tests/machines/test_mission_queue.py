@@ -142,6 +142,31 @@ def test_what_runs_or_waits_can_be_canceled() -> None:
     assert "MissionQueue/Endless" not in run.arrangement.states()
 
 
+def test_a_mission_goes_on_after_a_suspension() -> None:
+    run = Run()
+    run.ask("a", "endless")
+    run.ask("b", "short")
+    run.arrangement.suspend("MissionQueue")
+    run.go_on()
+    run.arrangement.resume("MissionQueue")
+    assert run.go_on() == "RUN_ENDLESS"
+    assert run.standing == MissionStanding("endless", "a", ("b",))
+    run.board.add_message(MISSION_CANCEL, CancelMission("a"))
+    run.go_on(200)
+    assert run.standing.id == "b"
+
+
+def test_a_restart_cancels_what_runs_and_keeps_what_waits() -> None:
+    run = Run()
+    run.ask("a", "endless")
+    run.ask("b", "short")
+    run.arrangement.restart("MissionQueue")
+    run.go_on(200)
+    ended = [each for each in run.seen if each.ended]
+    assert [(each.ended, each.end) for each in ended] == [("a", MissionEnd.CANCELED)]
+    assert run.standing.id == "b"
+
+
 def test_a_stop_ends_what_runs() -> None:
     run = Run()
     run.ask("a", "endless")
@@ -154,7 +179,7 @@ def test_a_stop_ends_what_runs() -> None:
 @given(
     steps=st.lists(
         st.tuples(
-            st.sampled_from(["ask", "cancel", "wait"]),
+            st.sampled_from(["ask", "cancel", "wait", "pause", "restart"]),
             st.integers(0, 5),
             st.sampled_from(["short", "breaks", "endless", "none"]),
         ),
@@ -169,6 +194,12 @@ def test_each_mission_that_was_accepted_ends_once_and_in_order(steps: list[Any])
             accepted.append(f"m{number}")
         elif verb == "cancel" and argument < len(accepted):
             run.board.add_message(MISSION_CANCEL, CancelMission(accepted[argument]))
+        elif verb == "pause":
+            run.arrangement.suspend("MissionQueue")
+            run.go_on(50 * argument)
+            run.arrangement.resume("MissionQueue")
+        elif verb == "restart":
+            run.arrangement.restart("MissionQueue")
         run.go_on(100 * argument)
         assert len(run.standing.waiting) <= 3
     for each in accepted:  # the endless ones would keep the others waiting

@@ -1315,14 +1315,15 @@ static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
  * The sleepers share one word of the board. A writer looks only whether its own slot is armed, so
  * a slot for which nobody waits wakes nobody. */
 
-#define LWB_LOOK_ANY_NS 250000000u /* as LWB_LOOK_NS: who waits for many wakes no processor for it */
+/* As LWB_LOOK_NS, but longer: machines that wait for slots should not wake a processor for it. */
+#define LWB_LOOK_ANY_NS 250000000u
 
 struct lwb_awaited { struct lwb_slot *slot; uint64_t after; };
 
 /* Wait until the count of one of the slots exceeds its `after`, for at most `ns`. May return
- * LWB_TIMEOUT early, after a signal or 250 ms, and if the alarm was raised since the caller has read `seen`
- * from it: so a caller that first reads it, and then checks something else, can be woken for that by
- * lwb_raise. */
+ * LWB_TIMEOUT early: after a signal or 250 ms, and if the alarm was raised since the caller has read
+ * `seen` from it. So a caller that first reads it, and then checks something else, can be woken for
+ * that by lwb_raise. */
 static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
                                const struct lwb_awaited *awaited, size_t number, uint64_t ns)
 {

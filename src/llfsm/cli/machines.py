@@ -1,9 +1,9 @@
 """Machines as a command line names them: one by its name, several as a plan with their classes.
 
 A name is tried as a bundle in the folders that are searched, then as a machine that ships, then as
-one of an installed package, then as a module's file or an import, with the class behind a colon.
-Nothing is imported but what is named, as that runs a module's code. What this code raises becomes a
-`MachineImportError` with the place in the user's own code, not a traceback through ours.
+a module's file, then as a machine of an installed package, or as an import with the class behind a
+colon. Nothing is imported but what is named, as that runs a module's code. What this code raises
+becomes a `MachineImportError` with the place in the user's own code, not a traceback through ours.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import re
 import sys
 import traceback
 from collections.abc import Iterable, Sequence
-from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -36,6 +35,8 @@ from llfsm.runtime.plans import (
 )
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.environment import Environment
 
@@ -91,9 +92,8 @@ def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machi
     `name` is one of the machines that ship, one that an installed package names among its entry
     points, a bundle, ``package.module:Class``, or ``folder/module.py:Class``. The class can be left
     out where a module has one machine, and ``.py`` then, too. Bundles and modules are searched in
-    `folders`, by default the current one.
-    Raise ``click.UsageError`` if there is no such machine, `BundleError` if its bundle is wrong,
-    and `MachineImportError` if its module is.
+    `folders`, by default the current one. Raise ``click.UsageError`` if there is no such machine,
+    `BundleError` if its bundle is wrong, and `MachineImportError` if its module is.
     """
     search_modules_in(folders)
     bundle = find_bundle(name, folders)
@@ -105,20 +105,29 @@ def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machi
     known = [each for each in shipped.__all__ if isinstance(vars(shipped)[each], MachineType)]
     if not colon and name in known:
         return _machine_in(shipped, name, name)
-    if not colon and (installed := entry_points(group=GROUP, name=name)):
-        return _installed_machine(name, installed)
+    if name.isidentifier() and _module_file(name, folders) is None:
+        installed = [each for each in _installed() if each.name == name]
+        if installed:
+            return _installed_machine(name, installed)
     module = _module(where, name, folders, importable=bool(colon or attribute))
     if module is None:
         raise _unknown(name, known, folders)
     return _machine_in(module, attribute, name)
 
 
-def _installed_machine(name: str, installed: EntryPoints) -> type[Machine]:
+def _installed() -> Iterable[EntryPoint]:
+    """Return the machines that installed packages name among their entry points."""
+    from importlib.metadata import entry_points  # here, as it costs as much as all else
+
+    return entry_points(group=GROUP)
+
+
+def _installed_machine(name: str, installed: Sequence[EntryPoint]) -> type[Machine]:
     """Import a machine that an installed package has under that name."""
     if len({entry.value for entry in installed}) > 1:
         there = " or ".join(sorted(entry.value for entry in installed))
         raise click.UsageError(f"{name}: several packages have a machine of that name: {there}")
-    (entry, *_) = installed
+    entry = installed[0]
     return _machine_in(_import(entry.module, name), entry.attr, name)
 
 
@@ -202,7 +211,7 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
     near = f"; did you mean {of_modules[0]!r}?" if of_modules else ""
     first = ", ".join(shipped[:_MOST_NAMED])
     more = len(shipped) - _MOST_NAMED
-    installed = sorted({entry.name for entry in entry_points(group=GROUP)})
+    installed = sorted({entry.name for entry in _installed()})
     others = f"of installed packages: {', '.join(installed[:_MOST_NAMED])};\n" if installed else ""
     return click.UsageError(
         f"no machine {name!r}; those that ship: {first} and {more} more in llfsm.machines;\n"
