@@ -46,10 +46,13 @@ worlds = st.tuples(
 )
 
 
-def made(name: str, spec: dict[str, Any], inner: list[Any], resume: Any) -> type[Machine]:
+def made(
+    name: str, spec: dict[str, Any], inner: list[Any], resume: Any, clock: Any
+) -> type[Machine]:
     """Make the class of a machine whose first state runs `inner`."""
-    first = State("A", runs=inner or None, history=spec["history"], resume=resume)
-    second, last = State("B", resume=resume), State("C", resume=resume)
+    how = {"resume": resume, "clock": clock}
+    first = State("A", runs=inner or None, history=spec["history"], **how)
+    second, last = State("B", **how), State("C", **how)
     targets = [second, last]
 
     def begin(machine: Any) -> None:
@@ -92,11 +95,13 @@ LOOKING = PLAIN | {"leads": [("door", 0, 0), ("looks", 0, 0)], "history": True, 
 PARKED = PLAIN | {"leads": [("door", 0, 0)], "second": ["time"], "counts": 1}
 
 
-def built(world: Any, resume: Any = "again") -> tuple[type[Machine], list[str]]:
+def built(
+    world: Any, resume: Any = "again", clock: Any = "runs"
+) -> tuple[type[Machine], list[str]]:
     """Make the outermost class of a world, and name the machines that are to be suspended."""
     top, middle, bottom, shape, suspend = world
-    lowest = made("Bottom", bottom, [], resume)
-    between = made("Middle", middle, [lowest], resume)
+    lowest = made("Bottom", bottom, [], resume, clock)
+    between = made("Middle", middle, [lowest], resume, clock)
 
     def make(machine: Any) -> Machine:
         return between(count=min(machine.count, 1))
@@ -108,6 +113,6 @@ def built(world: Any, resume: Any = "again") -> tuple[type[Machine], list[str]]:
         "two": [lowest, lowest],
         "twice": [make],
     }[shape]
-    outer = made("Top", top, runs, resume)
+    outer = made("Top", top, runs, resume, clock)
     names = {"Top", "Top/Middle", "Top/Middle/Bottom"} if runs[0] is not lowest else {"Top"}
     return outer, [name for name in suspend if name in names]

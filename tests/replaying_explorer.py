@@ -42,7 +42,9 @@ class Moment(int):
     def __sub__(self, other: int) -> Elapsed:  # type: ignore[override]
         elapsed = Elapsed(int(self) - int(other))
         elapsed.asked = self.asked
-        elapsed.entered_now = isinstance(other, Moment) and other.turn == self.turn
+        # A state in which a machine goes on in place was entered at a sum, which is no reading.
+        went_on = not isinstance(other, Moment) and other != NEVER
+        elapsed.entered_now = went_on or (isinstance(other, Moment) and other.turn == self.turn)
         return elapsed
 
 
@@ -158,11 +160,22 @@ class Replay:
             limit = self.explorer.limits.get((seat.name, seat.current.name), -1)
             elapsed = min(self.world.clock.now_ns() - int(seat.entered_ns), limit + 1)
         return (
+            self.stood(seat),
             *(seat.name, seat.current.name, "" if seat.previous is None else seat.previous.name),
             *(seat.remembered.name, str(seat.request), seat.accepted, seat.left, seat.taken),
             *(seat.entered_ns != NEVER, seat.failure is not None, elapsed, self.variables(seat)),
             self.run_images(seat),
         )
+
+    def stood(self, seat: Seat) -> int:
+        """Return for how long a machine was in the state in which it is to go on; -1 for none."""
+        if not seat.stands or seat.stood is None:
+            return -1
+        entered_ns, suspended_ns = map(int, seat.stood)
+        stops = seat.declared(seat.remembered).clock == "stops"
+        until_ns = suspended_ns if stops else self.world.clock.now_ns()
+        limit = self.explorer.limits.get((seat.name, seat.remembered.name), -1)
+        return min(until_ns - entered_ns, limit + 1)
 
     def run_images(self, seat: Seat) -> Any:
         states = [state.name for state in seat.table.states if state.runs]

@@ -84,6 +84,9 @@ def bind(seat: Bindable, *, observed: bool) -> None:
     if seat.suspension.name not in seat.states and seat.suspension in seat.nest.calling:
         seat.suspension.on_exit = seat.suspension.on_suspend = seat.suspension.on_resume = None
         _nest_in(seat, None, seat.suspension)
+    stands = any(state.resume == "in_place" for state in seat.table.states)
+    if stands and seat.suspension.name in seat.states:  # else no transition leads out of it
+        seat.suspension.on_exit = _then(_leaving_suspension(seat), seat.suspension.on_exit)
     states = seat.states.values()
     seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
 
@@ -117,6 +120,16 @@ def _entering(seat: Bindable, state: State, code: SectionCode | None) -> Section
         seat.entered_ns = entered_ns + stopped_ns
 
     return enter
+
+
+def _leaving_suspension(seat: Bindable) -> SectionCode:
+    """Return code for a transition of the suspend state: nothing goes on in place then."""
+
+    def leave(_: Any) -> None:
+        if seat.current is not seat.suspension:
+            seat.stood = None
+
+    return leave
 
 
 def _transition(seat: Bindable, state: State, number: int) -> BoundTransition:

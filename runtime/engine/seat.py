@@ -223,6 +223,12 @@ class Seat(SeatFields):
             self.previous = self.remembered = self.current
             self.current = self.suspension
 
+    @property
+    def stands(self) -> bool:
+        """True if it is suspended in a state in which it goes on in place."""
+        stood = self.stood is not None and self.suspended
+        return stood and self.declared(self.remembered).resume == "in_place"
+
     def add_call(self, called: Seat) -> None:
         """Let a machine that this one has called end with the state that it is in."""
         is_first = self.current not in self.nest.calling

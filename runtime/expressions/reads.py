@@ -12,12 +12,14 @@ import ast
 import builtins
 import dis
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import CO_VARARGS, CO_VARKEYWORDS
 from itertools import pairwise
-from types import CodeType, MappingProxyType
+from types import CodeType, FunctionType, MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
+
+from llfsm.runtime.engine.source_text import syntax_of
 
 MACHINE: Final = "<machine>"
 """The first parameter of a bundle's functions, their machine: a name that code cannot contain."""
@@ -35,6 +37,8 @@ REQUESTS: Final = (
 """All requests that a machine can make."""
 
 COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+_ANY_NAME: Final = frozenset({"__dict__", "eval", "exec", "globals", "locals", "super"})
+_ENGINE: Final = syntax_of.__module__.rpartition(".")[0]
 _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
 
@@ -263,6 +267,36 @@ def names_in(code: CodeType) -> set[str]:
         if isinstance(each, CodeType):
             names |= names_in(each)
     return names
+
+
+def may_use(function: Callable[..., Any], cls: type, names: Collection[str]) -> bool:
+    """Check that code of a machine of `cls` may use some attributes: False only if it cannot.
+
+    Its methods and properties that the code names are followed.
+    """
+    todo: list[Any] = [function]
+    followed: set[object] = set()
+    while todo:
+        code = todo.pop()
+        node = syntax_of(code) if isinstance(code, FunctionType) else None
+        if node is None:
+            return True
+        body = node.body if isinstance(node.body, list) else [node.body]
+        parameters = [*node.args.posonlyargs, *node.args.args]
+        machine = parameters[0].arg if parameters else ""
+        found = names_in(code.__code__)
+        if found & {*names, *_ANY_NAME} or uses_of(Code(body, machine, "")).escapes:
+            return True
+        followed.add(code)
+        attributes = [getattr(cls, name, None) for name in found]
+        within = [each.fget if isinstance(each, property) else each for each in attributes]
+        functions = (each for each in within if isinstance(each, FunctionType))
+        todo += [each for each in functions if not _is_ours(each) and each not in followed]
+    return False
+
+
+def _is_ours(function: FunctionType) -> bool:
+    return function.__module__.startswith(_ENGINE)
 
 
 def unbound_names(function: Callable[..., Any]) -> Iterator[tuple[str, int]]:

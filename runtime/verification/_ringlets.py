@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import OnError
     from llfsm.runtime.engine.ringlet import BoundState
     from llfsm.runtime.engine.submachine import Submachine
+    from llfsm.runtime.verification.environment import Since
 
 
 M = TypeVar("M", bound=Machine)
@@ -138,8 +139,7 @@ class Ringlets(Control):
         self._controlled = frozenset(controlled)  # by anybody
         raised: Any = Unknown(self.environment, "the error for which it was suspended")
         self._failure = Failure(raised, NEVER)  # of each: what was raised is no part of a state
-        moment: Any = Unknown(self.environment, "the time at which it was suspended in place")
-        self._stood = moment, moment
+        self._stood = self.environment.stood, self.environment.suspended
         self._stands = False  # whether any machine may be resumed in place
         self._complete = False
         for member in members:
@@ -205,7 +205,7 @@ class Ringlets(Control):
         machine that `others` lacks, and `TimeUpError` after the deadline.
         """
         self.deadline.check()
-        place, control, _, elapsed_ns, contents, others, inner, request, stopping = given
+        place, control, _, elapsed_ns, stood_ns, contents, others, inner, request, stopping = given
         environment, seat = self.environment, self.seats[place]
         copy = other_copy if copied else deepcopy
         for other, its in others:
@@ -225,7 +225,7 @@ class Ringlets(Control):
         for slot, content in contents:
             message = self.messages[slot].values[content]
             environment.contents[slot] = other_copy(message) if copied else message
-        environment.begin(seat.name, elapsed_ns if was.entered else None)
+        environment.begin(seat.name, elapsed_ns if was.entered else None, stood_ns)
         self.kernel.error = self.kernel.raised_in = None
         self.executed += 1
         fired = (turns or self.kernel.give_turns)((seat,))
@@ -233,7 +233,14 @@ class Ringlets(Control):
         error = self.kernel.error
         clock_state = self.kernel.raised_in or seat.previous
         way = _fired(seat, clock_state) if fired and clock_state is not None else None
-        restarts = seat.entered_ns != environment.entered or seat.current is not clock_state
+        resumed = was.stood and seat.entered_ns is environment.stood
+        stays = seat.current is clock_state and seat.taken
+        goes_on = stays and (resumed or seat.entered_ns is environment.entered)
+        if resumed and any(since == "its entry" for since, _ in environment.limits):
+            environment.refusal = environment.refusal or UnsupportedError(
+                f"{seat.name} asks for the time in OnResume, and goes on in place with another "
+                f"one: this cannot be explored; ask in OnEntry or later"
+            )
         if self.inner:
             self._forget_ended(place, environment.touched)
         asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
@@ -247,16 +254,15 @@ class Ringlets(Control):
             looked,
             self._control_of(place),
             self._variables_of(place),
-            restarts or not seat.taken,
+            not goes_on,
+            goes_on and resumed,
+            resumed,
             self._numbered(environment.posted),
             self._numbered(environment.found) if environment.found else (),
             changed,
             parts,
             tuple(
-                [
-                    (clock_state.name if entered and clock_state else was.current, limit)
-                    for entered, limit in environment.limits
-                ]
+                [(_clocked(since, was, clock_state), limit) for since, limit in environment.limits]
             ),
             way,
             0 if error is None else self.errors.code(str(error), error),
@@ -450,7 +456,7 @@ class Ringlets(Control):
         seat.entered_ns = self.environment.entered if control.begun else NEVER
         seat.failure = self._failure if control.failed else None
         if self._stands:
-            seat.stood = self._stood if seat.suspended else None
+            seat.stood = self._stood if control.stood else None
         if self.inner:
             seat.left, seat.parking, seat.children = control.left, control.parked, None
             seat.nest.restore(control.runs, self._states[place], self._by_name)
@@ -473,6 +479,8 @@ class Ringlets(Control):
         )
         if self.inner:
             standing = *standing, seat.left, seat.parking, seat.nest.standing
+        if self._stands:
+            standing = *standing, seat.stands
         number = self._standings[place].get(standing)
         if number is None:
             control = ControlState.of(seat)
@@ -573,6 +581,13 @@ def _no_data(machine: Machine, name: str, error: Exception) -> UnsupportedError:
         f"{machine.name}.{name} is {what}: only data can be explored; give "
         f'abstract={{"{machine.name}.{name}": function}} to replace it'
     )
+
+
+def _clocked(since: Since, was: ControlState, entered: BoundState | None) -> str:
+    """Name the state whose time was asked for, in a ringlet that has `entered` one."""
+    if since == "before the suspension":
+        return was.remembered
+    return entered.name if since == "this turn" and entered else was.current
 
 
 def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:

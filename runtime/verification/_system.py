@@ -47,7 +47,7 @@ _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 _Key: TypeAlias = tuple[int, int, int, tuple[tuple[str, int], ...], Request | None, bool]
 """The inputs of a kept ringlet, but for time and others, which it may not have asked for."""
 _Numbers: TypeAlias = tuple[tuple[int, int], ...]
-_Kept: TypeAlias = tuple[int, _Numbers, _Numbers, RingletOutcome]
+_Kept: TypeAlias = tuple[int, int, _Numbers, _Numbers, RingletOutcome]
 
 
 class RelearnError(Exception):
@@ -111,6 +111,8 @@ class System:
         self.looks: list[set[int]] = [set() for _ in self.names]
         """For each machine, the inner ones whose variables it looks at or changes."""
         self.leavers = set(self.ringlets.inner)
+        self.standing: set[int] = set()
+        """The places of machines that may be suspended in a state in which they go on in place."""
         """The machines that were found to leave the arrangement; inner ones are there at times."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
         self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
@@ -309,14 +311,16 @@ class System:
 
         Raise `RelearnError` if running it has shown more than was known.
         """
-        place, control, variables, elapsed_ns, contents, others, inner, request, stopping = given
-        key = place, control, variables, contents, request, stopping
+        place, control, variables, elapsed_ns, stood_ns, contents, others, inner, *_ = given
+        key = place, control, variables, contents, given.request, given.stopping
         kept = self._kept.get(key, ())
         if kept:
             controls, values = dict(others), dict(inner)
             for *_, outcome in kept:
                 if (
-                    outcome.low_ns < elapsed_ns <= outcome.high_ns
+                    outcome.low_ns
+                    < (stood_ns if outcome.resumed else elapsed_ns)
+                    <= outcome.high_ns
                     and all(controls[other] == its for other, its in outcome.asked)
                     and all(values[other] == its for other, its in outcome.looked)
                 ):
@@ -330,14 +334,14 @@ class System:
             raise RelearnError from None
         if outcome.limits:
             self._learn_limits(place, outcome)
-        self._kept[key] = (*kept, (elapsed_ns, others, inner, outcome))
+        self._kept[key] = (*kept, (elapsed_ns, stood_ns, others, inner, outcome))
         kind = (
-            *(place, control, request, outcome.control, outcome.others),
+            *(place, control, given.request, outcome.control, outcome.others),
             *(outcome.fired, outcome.error, len(outcome.posts)),
         )
         if kind not in self._kinds:
             self._kinds[kind] = given, outcome
-        self._learn_leavers((place, outcome.control), *outcome.others)
+        self._learn_controls((place, outcome.control), *outcome.others)
         return outcome
 
     def shows(self, place: int) -> bool:
@@ -368,12 +372,15 @@ class System:
             if self.time_model.most(limits) != before:
                 raise RelearnError
 
-    def _learn_leavers(self, *controls: tuple[int, int]) -> None:
-        codes, known = self.ringlets.controls, len(self.leavers)
+    def _learn_controls(self, *controls: tuple[int, int]) -> None:
+        codes, known = self.ringlets.controls, len(self.leavers) + len(self.standing)
         for place, code in controls:
-            if not codes[place].values[code].loaded:
+            control: ControlState = codes[place].values[code]
+            if not control.loaded:
                 self.leavers.add(place)
-        if len(self.leavers) > known:
+            if control.stood:
+                self.standing.add(place)
+        if len(self.leavers) + len(self.standing) > known:
             raise RelearnError
 
     def left_out(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -456,9 +463,9 @@ class System:
             few = [*self._kinds.values()][:number]
             keys = random.Random(0).sample(list(self._kept), number - len(few))
         sample = few + [
-            (Given(*key[:3], elapsed_ns, key[3], others, inner, *key[4:]), outcome)
+            (Given(*key[:3], elapsed_ns, stood_ns, key[3], others, inner, *key[4:]), outcome)
             for key in keys
-            for elapsed_ns, others, inner, outcome in self._kept[key]
+            for elapsed_ns, stood_ns, others, inner, outcome in self._kept[key]
         ]
         return sample, len(keys) == len(self._kept)
 
@@ -476,6 +483,34 @@ class System:
         """List the times asked about in a control state; none if the state's clock does not run."""
         none = Limits()
         return self.limits[place].get(control.current, none) if control.entered else none
+
+    def stood_limits(self, place: int, control: ControlState) -> Limits:
+        """List the times asked about in the state in which a machine stands; none if in none."""
+        none = Limits()
+        return self.limits[place].get(control.remembered, none) if control.stood else none
+
+    def clock_stops(self, place: int, state: str) -> bool:
+        """Check that the clock of a state stands still while its machine is suspended."""
+        seat = self.ringlets.seats[place]
+        return seat.declared(seat.states[state]).clock == "stops"
+
+    def most_stood(self, place: int) -> int:
+        """Return the largest number for the time in a state in which a machine stands.
+
+        Raise `UnsupportedError` if any time may pass between two rounds.
+        """
+        if place not in self.standing:
+            return 0
+        declared = self.ringlets.seats[place].table.states
+        names = [s.name for s in declared if s.resume == "in_place"]
+        asked = [name for name in names if self.limits[place].get(name)]
+        if asked and self.time_model.period_ns is None:
+            raise UnsupportedError(
+                f"{self.names[place]} may be suspended in {asked[0]}, where it asks for the time, "
+                f"and goes on there in place: this is only explored with a period: give period_ms "
+                f"(--period-ms)"
+            )
+        return max([self.time_model.most(self.limits[place][name]) for name in asked], default=0)
 
     def most_time(self, place: int) -> int:
         """Return the largest number for the time of a machine in any state of its."""

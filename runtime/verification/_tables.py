@@ -29,7 +29,7 @@ from llfsm.runtime.verification.properties import LastAsk
 
 FieldName: TypeAlias = tuple[str, str]
 """A kind, such as "control", "variables", "elapsed", "slot", "age" or "seen", and a name."""
-_FIXED: Final = ("elapsed", "age", "stop")
+_FIXED: Final = ("elapsed", "stood", "age", "stop")
 """The kinds of fields whose largest value is known."""
 
 
@@ -105,6 +105,7 @@ class Tables:
         self.controls = [fields["control", name] for name in system.names]
         self._variables = [fields["variables", name] for name in system.names]
         self._elapsed = [fields.get(("elapsed", name), self._none) for name in system.names]
+        self._stood = [fields.get(("stood", name), self._none) for name in system.names]
         self.failed = fields.get(("failed", ""), self._none)
         self._stop = fields.get(("stop", ""), self._none)
         self._read = [
@@ -182,6 +183,8 @@ class Tables:
             sizes["variables", name] = len(system.ringlets.variables[place])
             if most := system.most_time(place):
                 sizes["elapsed", name] = most + 1
+            if most := system.most_stood(place):
+                sizes["stood", name] = most + 1
         for slot, limits in system.ages.items():
             sizes["age", slot] = system.time_model.most(limits) + 1
         for place in range(len(system.names)):
@@ -198,13 +201,15 @@ class Tables:
 
     def _key_mask(self, place: int) -> int:
         mask = self.controls[place].mask | self._variables[place].mask | self._stop.mask
-        mask |= self._elapsed[place].mask
+        mask |= self._elapsed[place].mask | self._stood[place].mask
         for slot, field in self._read[place].items():
             mask |= field.mask
             if slot in self._ages and slot in self.system.freshness[place]:
                 mask |= self._ages[slot].mask
         for other in self.system.mentions[place]:
             mask |= self.controls[other].mask
+            if self._stood[other].most:  # which this one may suspend
+                mask |= self._elapsed[other].mask | self._stood[other].mask
         for other in self.system.looks[place]:
             mask |= self._variables[other].mask
         return mask
@@ -227,7 +232,7 @@ class Tables:
         time = self._time(place)
         turns = self._outcomes(place, key, 0 if time is None else time(key))
         return [
-            (choice, outcome, self._effect(place, outcome, choice, contents))
+            (choice, outcome, self._effect(place, key, outcome, choice, contents))
             for choice, contents, outcome in turns
         ]
 
@@ -263,6 +268,8 @@ class Tables:
             if time is None:
                 return weight, self._effects(place, key, 0)[2]
             elapsed_ns = time(key)
+            if self._stood[place].most:  # then effects depend on both of its times
+                return weight, self._effects(place, key, elapsed_ns)[2]
             ranges = kept.setdefault(key & rest, [])
             for low_ns, high_ns, effects in ranges:
                 if low_ns < elapsed_ns <= high_ns:
@@ -288,6 +295,13 @@ class Tables:
         control: ControlState = codes.values[self.controls[place].of(state)]
         return control
 
+    def _stood_ns(self, place: int, key: int) -> int:
+        """Return the time in the state in which a machine stands, in ns."""
+        return self._stood[place].of(key) * (self.system.time_model.period_ns or 0)
+
+    def _stood_limits(self, place: int, key: int) -> Limits:
+        return self.system.stood_limits(place, self.control(place, key))
+
     def _limits(self, place: int, key: int) -> Limits:
         return self.system.limits_of(place, self.control(place, key))
 
@@ -310,7 +324,7 @@ class Tables:
         effects: dict[Effect, None] = {}
         for choice, contents, outcome in self._outcomes(place, key, elapsed_ns):
             low_ns, high_ns = max(low_ns, outcome.low_ns), min(high_ns, outcome.high_ns)
-            effects[self._effect(place, outcome, choice, contents)] = None
+            effects[self._effect(place, key, outcome, choice, contents)] = None
         return low_ns, high_ns, tuple(effects)
 
     def _outcomes(
@@ -327,13 +341,13 @@ class Tables:
         )
         others = tuple([(other, self.controls[other].of(key)) for other in system.mentions[place]])
         inner = tuple([(other, self._variables[other].of(key)) for other in system.looks[place]])
-        stopping = self.stopping(key)
+        stopping, stood_ns = self.stopping(key), self._stood_ns(place, key)
         for choice in self._choices[place][stopping]:
             slots, request, stop = choice
             contents = kept + slots
             outcome = system.outcome(
                 Given(
-                    *(place, control, variables, elapsed_ns),
+                    *(place, control, variables, elapsed_ns, stood_ns),
                     *(contents, others, inner),
                     *(request, stopping or stop),
                 )
@@ -347,6 +361,7 @@ class Tables:
     def _effect(
         self,
         place: int,
+        key: int,
         outcome: RingletOutcome,
         choice: Choice,
         contents: tuple[tuple[str, int], ...],
@@ -361,8 +376,14 @@ class Tables:
         if outcome.restarted or not self._has_limits(place, outcome.control):
             mask |= self._elapsed[place].mask
         values: dict[FieldName, int] = {}
+        if outcome.went_on and self._stood[place].most:
+            values["elapsed", name] = self._stood[place].of(key)
+        if self._stood[place].most:
+            values["stood", name] = self._stood_after(place, key, outcome.control)
         for other, its in outcome.others:
             values["control", self.system.names[other]] = its
+            if self._stood[other].most:
+                values["stood", self.system.names[other]] = self._stood_after(other, key, its)
             if not self._has_limits(other, its):
                 mask |= self._elapsed[other].mask
         for other, its in outcome.inner:
@@ -384,6 +405,15 @@ class Tables:
             bits |= sum(self._put(field, value) for field, value in values.items())
         return self.packing.all & ~mask, bits
 
+    def _stood_after(self, place: int, key: int, control: int) -> int:
+        """Return the number for the time in which a machine stands after a turn before `key`."""
+        after: ControlState = self.system.ringlets.controls[place].values[control]
+        if not after.stood:
+            return 0
+        if self.control(place, key).stood:
+            return self._stood[place].of(key)
+        return self._elapsed[place].of(key) if self.system.stood_limits(place, after) else 0
+
     def _ticks(self, rounds: int) -> list[EffectTable]:
         """Make the tables of the time that passes until a round so many after the one before."""
         clocks = [
@@ -397,7 +427,12 @@ class Tables:
             self.packing.table(age.mask | self._slots[slot].mask, self._age_filler(slot, rounds))
             for slot, age in self._ages.items()
         ]
-        return clocks + ages
+        stood = [
+            self.packing.table(control.mask | stood.mask, self._stood_filler(place, rounds))
+            for place, (control, stood) in enumerate(zip(self.controls, self._stood, strict=True))
+            if stood.most
+        ]
+        return clocks + ages + stood
 
     def _tick_filler(self, place: int, rounds: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
@@ -407,6 +442,18 @@ class Tables:
             number = field.of(key)
             steps = time_model.steps(number, self._limits(place, key), rounds)
             return 1, tuple((keep, number + step << field.shift) for step in steps)
+
+        return passed
+
+    def _stood_filler(self, place: int, rounds: int) -> Fill:
+        field, system = self._stood[place], self.system
+        keep = self.packing.all & ~field.mask
+
+        def passed(key: int) -> tuple[int, tuple[Effect, ...]]:
+            number, limits = field.of(key), self._stood_limits(place, key)
+            if limits and not system.clock_stops(place, self.control(place, key).remembered):
+                number += system.time_model.steps(number, limits, rounds)[0]
+            return 1, ((keep, number << field.shift),)
 
         return passed
 

@@ -7,6 +7,8 @@ environment makes that true and as coarse as it can be:
 * Time is opaque. All that code can do with it is to ask whether the machine has been in its state
   for longer than some limit. So one ringlet stands for all times that give the same answers, which
   are a range (`low_ns`, `high_ns`].
+* A machine that goes on in place after a suspension does so with the time in that state until then.
+  So a ringlet has two times, and may ask for one of them.
 * Other machines are noted when code asks for them or changes them, so that a ringlet depends only
   on those that it has touched.
 * A sensor with `max_age_ms` or `since_start` finds its message or none, as `contents` has it: who
@@ -19,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Set
 from math import floor, inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Self, TypeAlias
 
 from llfsm.runtime.engine.clock import NEVER, Clock
 from llfsm.runtime.engine.environment import Environment, Post, Read
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.ports import Actuator, Sensor
     from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard import Slot
+
+
+Since: TypeAlias = Literal["its entry", "this turn", "before the suspension"]
+"""Since when a machine has been in the state whose time is asked for."""
 
 
 class UnknownControlError(Exception):
@@ -67,6 +73,8 @@ class ControlState(NamedTuple):
     """True if it goes on when that state is entered again."""
     runs: tuple[RunStanding, ...] = ()
     """What its own states run, or have run last."""
+    stood: bool = False
+    """True if it is suspended in a state in which it goes on in place."""
 
     @classmethod
     def of(cls, seat: Seat) -> Self:
@@ -83,6 +91,7 @@ class ControlState(NamedTuple):
             seat.left,
             seat.parking,
             seat.nest.standing,
+            seat.stands,
         )
 
     @classmethod
@@ -93,7 +102,12 @@ class ControlState(NamedTuple):
             return control
         initial = seat.initial.name
         return control._replace(
-            current=initial, previous=None, remembered=initial, request=None, begun=False
+            current=initial,
+            previous=None,
+            remembered=initial,
+            request=None,
+            begun=False,
+            stood=False,
         )
 
     def withdrawn_by(self, request: Request | None) -> bool:
@@ -109,6 +123,7 @@ class ControlState(NamedTuple):
 class Given(NamedTuple):
     """All that a ringlet can depend on: the machine's place, and the rest by numbers.
 
+    Of a machine that goes on in place, `stood_ns` is the time in the state in which it stands.
     `contents` are the slots that it reads, `others` the machines whose control states it asks for
     or changes, and `inner` those whose variables it looks at. `request` comes from outside before
     the turn; `stopping` is True if a stop has come.
@@ -118,6 +133,7 @@ class Given(NamedTuple):
     control: int
     variables: int
     elapsed_ns: int
+    stood_ns: int
     contents: tuple[tuple[str, int], ...]
     others: tuple[tuple[int, int], ...]
     inner: tuple[tuple[int, int], ...]
@@ -130,6 +146,7 @@ class RingletOutcome(NamedTuple):
 
     It has the same effects for all times in the state above `low_ns`, up to `high_ns`, if the
     machines of `asked` are in these control states, and those of `looked` have these variables.
+    If it `resumed` in place, these are times in the state in which it stood.
     """
 
     low_ns: float
@@ -140,6 +157,10 @@ class RingletOutcome(NamedTuple):
     variables: int
     restarted: bool
     """True if its state's clock was started, or will be in its next turn."""
+    went_on: bool
+    """True if its state's clock is that of before a suspension."""
+    resumed: bool
+    """True if it went on in place, also if it has left that state since."""
     posts: tuple[tuple[str, int], ...]
     found: tuple[tuple[str, int], ...]
     """What its sensors found of its own posts, by slot: a request's come before the snapshot."""
@@ -180,33 +201,36 @@ class ExploredEnvironment(Environment):
         """The names of those that it made or ended, so that what they were does not matter."""
         self.ended: set[str] = set()
         """The names of those that it looked at though they had ended."""
-        self.limits: dict[tuple[bool, int], None] = {}
-        """The times in ns, none below 0, that it compared the time in its state with, in order.
-
-        With each, True if it had entered that state in this ringlet.
-        """
+        self.limits: dict[tuple[Since, int], None] = {}
+        """The times in ns, none below 0, that it compared the time in its state with, in order."""
         self.low_ns: float = -inf
         self.high_ns: float = inf
         """It has the same effects for all times in its state above `low_ns`, up to `high_ns`."""
         self.refusal: UnsupportedError | None = None
         self._machine = ""
         self._elapsed_ns: int | None = None
-        self.entered: Any = _Moment(self, entered=True)
+        self._stood_ns = 0
+        self.entered: Any = _Moment(self, "its entry")
         """The moment at which the machine on turn has entered its state."""
-        self.entered_elsewhere: Any = _Moment(self, entered=True, elsewhere=True)
+        self.entered_elsewhere: Any = _Moment(self, "its entry", elsewhere=True)
         """The moment at which another machine has."""
+        self.stood: Any = _Moment(self, "before the suspension")
+        """The moment at which the machine on turn has entered the state in which it stands."""
+        self.suspended: Any = _Moment(self, "its entry", elsewhere=True)
+        """The moment at which it was suspended there."""
 
-    def begin(self, machine: str, elapsed_ns: int | None) -> None:
+    def begin(self, machine: str, elapsed_ns: int | None, stood_ns: int) -> None:
         """Prepare for a ringlet of `machine`.
 
-        It has been in its state for `elapsed_ns`; None if it is about to enter it.
+        It has been in its state for `elapsed_ns`, None if it is about to enter it; and in that in
+        which it stands for `stood_ns`.
         """
         self.posted, self.found = {}, {}
         self.touched, self.looked, self.made, self.ended = set(), set(), set(), set()
         self.limits = {}
         self.low_ns, self.high_ns = -inf, inf
         self.refusal = None
-        self._machine, self._elapsed_ns = machine, elapsed_ns
+        self._machine, self._elapsed_ns, self._stood_ns = machine, elapsed_ns, stood_ns
 
     def refuse(self, what: str, machine: str = "") -> NoReturn:
         """Raise `UnsupportedError` for something that `machine`, or the one on turn, does."""
@@ -214,9 +238,10 @@ class ExploredEnvironment(Environment):
             self.refusal = UnsupportedError(f"{machine or self._machine} {what}")
         raise self.refusal
 
-    def is_longer(self, limit: float, *, just_entered: bool) -> bool:
+    def is_longer(self, limit: float, since: Since) -> bool:
         """Compare the time of the machine on turn in its state with `limit` ns: True if longer."""
-        elapsed_ns = 0 if just_entered else self._elapsed_ns
+        stood = since == "before the suspension"
+        elapsed_ns = 0 if since == "this turn" else self._stood_ns if stood else self._elapsed_ns
         if elapsed_ns is None:
             self.refuse(
                 "asks for the time in OnSuspend or OnResume, before the clock of its state "
@@ -227,9 +252,9 @@ class ExploredEnvironment(Environment):
         limit_ns = floor(limit)
         if limit_ns < 0:
             return True
-        self.limits[just_entered, limit_ns] = None
+        self.limits[since, limit_ns] = None
         longer = elapsed_ns > limit_ns
-        if just_entered:  # which is so whatever the time was before
+        if since == "this turn":  # which is so whatever the time was before
             pass
         elif longer:
             self.low_ns = max(self.low_ns, limit_ns)
@@ -343,7 +368,7 @@ class _Clock(Clock):
     """The clock, whose moments are opaque."""
 
     def __init__(self, environment: ExploredEnvironment):
-        self._now: Any = _Moment(environment, entered=False)
+        self._now: Any = _Moment(environment, "this turn")
 
     def now_ns(self) -> int:
         """Return this moment."""
@@ -361,21 +386,30 @@ class _Opaque:
 
 
 class _Moment(_Opaque):
-    """Now or, with `entered`, when the machine on turn, or `elsewhere`, entered its state."""
+    """Now, or when the machine on turn, or another one, has entered its state."""
 
-    def __init__(self, environment: ExploredEnvironment, *, entered: bool, elsewhere: bool = False):
+    def __init__(self, environment: ExploredEnvironment, since: Since, *, elsewhere: bool = False):
         super().__init__(environment)
-        self.entered, self.elsewhere = entered, elsewhere
+        self.since: Since = since
+        self.elsewhere = elsewhere
 
-    def __sub__(self, other: object) -> _Elapsed:
-        if self.entered or not (isinstance(other, _Moment) or other == NEVER):
+    def __add__(self, other: object) -> Self:
+        """Return this moment for 0, as times in a state are kept."""
+        if other != 0:
+            self._refuse()
+        return self
+
+    def __sub__(self, other: object) -> Any:
+        if other is self._environment.suspended:
+            return 0  # what it stood there for is no part of the time in a state
+        if self.since != "this turn" or not (isinstance(other, _Moment) or other == NEVER):
             self._refuse()
         if isinstance(other, _Moment) and other.elsewhere:
             self._environment.refuse(
                 "runs a machine whose OnSuspend asks for the time: this cannot be explored"
             )
-        just_entered = isinstance(other, _Moment) and not other.entered
-        return _Elapsed(self._environment, just_entered=just_entered)
+        since = other.since if isinstance(other, _Moment) else "its entry"
+        return _Elapsed(self._environment, since)
 
     __eq__, __ne__, __hash__ = object.__eq__, object.__ne__, object.__hash__
 
@@ -389,12 +423,12 @@ class _Moment(_Opaque):
 class _Elapsed(_Opaque):
     """The time in the state, which may have been entered in this very ringlet."""
 
-    def __init__(self, environment: ExploredEnvironment, *, just_entered: bool):
+    def __init__(self, environment: ExploredEnvironment, since: Since):
         super().__init__(environment)
-        self._just_entered = just_entered
+        self._since: Since = since
 
     def __gt__(self, limit: float) -> bool:
-        return self._environment.is_longer(limit, just_entered=self._just_entered)
+        return self._environment.is_longer(limit, self._since)
 
     def __le__(self, limit: float) -> bool:
         return not self > limit

@@ -21,6 +21,7 @@ from llfsm.runtime.engine.nest import Nest
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.engine.submachine import Raised, Submachine, Submachines
 from llfsm.runtime.engine.table import REQUIRED, run_by
+from llfsm.runtime.expressions.reads import may_use
 from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ class InnerLoader(Loader):
         What is `kept` are its variables, and what its own states have run.
         """
         seat.current = seat.remembered = seat.initial
-        seat.previous = seat.request = None
+        seat.previous = seat.request = seat.stood = None
         seat.entered_ns = NEVER
         if kept:
             return
@@ -191,9 +192,10 @@ class ExploredNest(Nest[Seat]):
     def _check_halt(self, seat: Seat) -> None:
         if not seat.taken or seat.suspended:
             return
-        if "OnSuspend" in seat.declared(seat.current).sections:
+        code = seat.declared(seat.current).sections.get("OnSuspend")
+        if code is not None:
             self._environment.look_at(seat.name)
-            if seat.table.sensors:
+            if may_use(code, type(seat.machine), seat.table.sensors):
                 self._environment.refuse(
                     f"suspends {seat.name} in {seat.current.name}, whose OnSuspend could read "
                     f"sensors: this cannot be explored; use OnEntry of its suspend state"

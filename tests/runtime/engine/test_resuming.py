@@ -8,7 +8,6 @@ import pytest
 
 from definition import Defined
 from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, State
-from llfsm.runtime.verification import UnsupportedError, explore
 
 
 class Doses(Machine):
@@ -157,7 +156,24 @@ def test_what_makes_no_sense_is_refused(wrong: Any) -> None:
         State("a", **wrong)
 
 
-def test_a_proof_refuses_what_it_does_not_know() -> None:
-    assert explore(Doses, period_ms=10).complete
-    with pytest.raises(UnsupportedError, match="was suspended in place: this cannot be explored"):
-        explore(Doses, period_ms=10, suspend=["Doses"])
+@pytest.mark.parametrize("kind", [Arrangement, Defined])
+def test_a_transition_of_the_suspend_state_is_no_resumption(kind: type[Arrangement]) -> None:
+    class Wakes(Machine):
+        entered: int = 0
+        work = State(final=False)
+        next_one = State(resume="in_place", final=False)
+        asleep = State(suspend=True)
+        asleep.to(next_one, after_ms=10)
+
+        @next_one.on_entry
+        def _(self) -> None:
+            self.entered += 1
+
+    wakes = Wakes()
+    arrangement, clock = world(kind, wakes)
+    arrangement.round()
+    arrangement.suspend("Wakes")
+    arrangement.round()
+    assert pass_ms(arrangement, clock, 11) == "next_one"
+    arrangement.round()
+    assert wakes.entered == 1

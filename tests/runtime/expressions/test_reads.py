@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+from typing import Any
 
 import pytest
 
-from llfsm.runtime import Machine
+from llfsm.runtime import Machine, Sensor, State
 from llfsm.runtime.expressions import reads
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Bool
 
 OTHERS = {"age_ms", "failure", "name", "name_of", "number_of_machines", "state_name", "stopping"}
 
@@ -42,3 +45,44 @@ def test_every_function_of_machines_is_known() -> None:
 )
 def test_names_are_bound_where_python_binds_them(text: str, bound: set[str]) -> None:
     assert reads.bound_names(ast.parse(text).body) == bound
+
+
+class Reading(Machine):
+    door = Sensor(Slot("door", Bool))
+    seen: bool = False
+    a = State()
+
+    @property
+    def looked(self) -> bool:
+        return self.door is not None
+
+    def look(self) -> None:
+        self.again()
+
+    def again(self) -> None:
+        self.look()
+        self.seen = self.looked
+
+    def close(self) -> None:
+        self.seen = False
+
+
+@pytest.mark.parametrize(
+    ("code", "may"),
+    [
+        (lambda self: self.door, True),
+        (lambda self: self.looked, True),
+        (lambda self: self.look(), True),
+        (lambda self: [self.door for _ in "a"], True),
+        (lambda self: (lambda: self.look())(), True),
+        (lambda self: getattr(self, "do" + "or"), True),
+        (lambda self: self.__dict__, True),
+        (lambda self: print(self), True),
+        (print, True),
+        (lambda self: self.close(), False),
+        (lambda self: self.suspend_self(), False),
+        (lambda self: print(self.seen), False),
+    ],
+)
+def test_whether_code_may_read_a_sensor_is_never_denied_wrongly(code: Any, may: bool) -> None:
+    assert reads.may_use(code, Reading, Reading.table.sensors) is may

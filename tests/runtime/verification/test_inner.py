@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from inner_worlds import DOOR, LOOKING, OUT, PARKED, PLAIN, built, worlds
 from llfsm.runtime import Actuator, Machine, Sensor, State, Submachine
@@ -39,13 +40,16 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
-@settings(max_examples=examples(40))
-@given(world=worlds)
-@example(world=(PLAIN, LOOKING, PARKED, "middle", []))  # what was put away is forgotten at the end
+HOW = [("again", "runs"), ("in_place", "runs"), ("in_place", "stops")]
+
+
+@settings(max_examples=examples(60))
+@given(world=worlds, how=st.sampled_from(HOW))
+@example(world=(PLAIN, LOOKING, PARKED, "middle", []), how=HOW[0])  # it is forgotten at the end
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
 @pytest.mark.usefixtures("_quiet")
-def test_random_machines_have_as_many_states_as_replayed_runs(world: Any) -> None:
-    outer, asked = built(world)
+def test_random_machines_have_as_many_states_as_replayed_runs(world: Any, how: Any) -> None:
+    outer, asked = built(world, *how)
     explored = explore(
         outer,
         period_ms=10,
@@ -230,6 +234,31 @@ def test_one_that_could_read_sensors_as_it_is_suspended_is_refused() -> None:
     explore(Runs, period_ms=10, sensors={DOOR: DOORS})
     with pytest.raises(UnsupportedError, match="whose OnSuspend could read sensors"):
         explore(Runs, period_ms=10, sensors={DOOR: DOORS}, suspend=["Runs"])
+
+
+def test_one_whose_end_reads_no_sensor_is_explored() -> None:
+    class Stops(Machine):
+        door = Sensor(DOOR)
+        stopped: bool = False
+        a = State(final=False)
+
+        def stop(self) -> None:
+            self.stopped = True
+
+        @a.on_suspend
+        def _(self) -> None:
+            self.stop()
+
+    class Runs(Machine):
+        work = State(runs=Stops)
+
+    verify(
+        Runs,
+        always(lambda v: v["Runs/Stops"].stopped or not v["Runs/Stops"].suspended),
+        period_ms=10,
+        sensors={DOOR: DOORS},
+        suspend=["Runs"],
+    )
 
 
 def test_what_was_polled_is_no_data() -> None:
