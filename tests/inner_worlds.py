@@ -42,7 +42,7 @@ worlds = st.tuples(
     levels,
     levels,
     st.sampled_from(["bottom", "middle", "both", "two", "twice"]),
-    st.sampled_from([[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"]]),
+    st.sampled_from([[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"], ["Top", "Top/Middle"]]),
 )
 
 

@@ -74,6 +74,7 @@ class RunStanding(NamedTuple):
     seats: tuple[str, ...]
     halted: tuple[str, ...]
     parked: tuple[str, ...]
+    restarting: tuple[str, ...] = ()
 
 
 class Run(Generic[S]):
@@ -89,6 +90,8 @@ class Run(Generic[S]):
         """Those that the outer machine's suspension has suspended."""
         self.parked: list[S] = []
         """Those that are to go on when the state is entered again."""
+        self.restarting: list[S] = []
+        """Those whose restart was asked for while the outer machine was suspended."""
 
     @property
     def view(self) -> Submachine[Any] | Submachines:
@@ -98,10 +101,30 @@ class Run(Generic[S]):
 
     def standing(self, state: str) -> RunStanding:
         """Return its standing, by names."""
-        seats, halted, parked = (
-            tuple([seat.name for seat in each]) for each in (self.seats, self.halted, self.parked)
+        seats, halted, parked, restarting = (
+            tuple([seat.name for seat in each]) for each in self._lists
         )
-        return RunStanding(state, self.over, seats, halted, parked)
+        return RunStanding(state, self.over, seats, halted, parked, restarting)
+
+    @property
+    def _lists(self) -> tuple[list[S], ...]:
+        return self.seats, self.halted, self.parked, self.restarting
+
+    def note_restart(self, seat: S, request: Request | None) -> None:
+        """Note that a machine is to begin anew when it goes on, or that it is not; None: as is."""
+        if request is Request.SUSPEND and seat in self.restarting:  # a resume undoes no restart
+            self.restarting.remove(seat)
+        elif request is Request.RESTART and seat not in self.restarting:
+            self.restarting.append(seat)
+
+    def wake(self, seats: list[S]) -> None:
+        """Resume or restart machines, as the outer one goes on."""
+        for seat in seats:
+            if seat.taken and seat.suspended:
+                restarts = seat in self.restarting
+                seat.schedule(Request.RESTART if restarts else Request.RESUME)
+        self.restarting.clear()
+        seats.clear()
 
     @property
     def done(self) -> bool:
@@ -131,11 +154,11 @@ class Nest(Generic[S]):
     ) -> None:
         """Let its runs stand as they did, by all states of the machine and all seats by name."""
         self._runs.clear()
-        for name, over, each, halted, parked in standing:
+        for name, over, *lists in standing:
             run = self._runs[self._outer.states[name]] = Run(states[name])
             run.over = over
-            run.seats, run.halted, run.parked = (
-                [seats[inner] for inner in names] for names in (each, halted, parked)
+            run.seats, run.halted, run.parked, run.restarting = (
+                [seats[inner] for inner in names] for names in lists
             )
 
     def seats(self, bound: BoundState) -> list[S]:
@@ -169,6 +192,7 @@ class Nest(Generic[S]):
                     run.halted.remove(seat)
                 if request is not Request.SUSPEND:
                     run.halted.append(seat)
+                run.note_restart(seat, request)
                 return request is not Request.SUSPEND
         return False
 
@@ -180,10 +204,7 @@ class Nest(Generic[S]):
         """Run what a state runs; go on with it after a suspension, or if it has a history."""
         outer, run = self._outer, self._runs.get(bound)
         if run is not None and not run.over:
-            for seat in run.halted:
-                if seat.taken and seat.suspended:
-                    seat.schedule(Request.RESUME)
-            run.halted.clear()
+            run.wake(run.halted)
             return
         turns = [each for each in outer.children or () if each is not None]
         outer.children = turns
@@ -191,6 +212,9 @@ class Nest(Generic[S]):
             run.over = False
             for seat in run.parked:
                 seat.unpark()
+                if seat in run.restarting:
+                    seat.schedule(Request.RESTART)
+            run.restarting.clear()
             turns += run.parked
             run.parked.clear()
             return
@@ -222,6 +246,7 @@ class Nest(Generic[S]):
                 if seat.taken and not seat.suspended:
                     if seat.request is not Request.SUSPEND:  # which would be one of its own
                         run.halted.append(seat)
+                    run.note_restart(seat, seat.request)
                     seat.halt()
 
     def leave(self, bound: BoundState, *, keep: bool) -> None:
@@ -236,12 +261,15 @@ class Nest(Generic[S]):
         run.over = True
         halted, run.halted = run.halted, []
         keep = keep and run.history and not any(seat.failure for seat in run.seats)
+        if not keep:
+            run.restarting.clear()
         for seat in reversed(run.seats):
             if seat.taken:
                 seat.left = True
                 if keep:
                     run.parked.insert(0, seat)
                     asked = seat.request  # what is asked for last decides
+                    run.note_restart(seat, asked)
                     wakes = not seat.suspended or seat in halted
                     seat.park(wakes=wakes if asked is None else asked is not Request.SUSPEND)
                 else:
@@ -255,6 +283,7 @@ class Nest(Generic[S]):
             self._end_calls(bound)
         if not keep:
             for run in self._runs.values():
+                run.restarting.clear()
                 while run.parked:
                     run.parked.pop().parking = False
 

@@ -366,13 +366,18 @@ class Ringlets(Control):
         return super().state_name_of(name)
 
     def index_of(self, name: str) -> int:
-        """Note the machine, and return its index."""
+        """Note the machine, and return its index; refuse that of an inner one."""
         self._note(name)
-        return super().index_of(name)
+        index = super().index_of(name)
+        if self.seats[self.places[name]].caller is not None:
+            self._refuse_index(f"the index of {name}")
+        return index
 
     def name_of(self, index: int) -> str:
         """Note all machines, any of which could have this index, and return the name at it."""
         self._note_all()
+        if index >= len(self.seats) - len(self.inner) and self.inner:
+            self._refuse_index(f"the machine at index {index}")
         return super().name_of(index)
 
     @property
@@ -380,7 +385,15 @@ class Ringlets(Control):
         """The number of indices in use; refused if there is a monitor."""
         for name in self.environment.watchers:
             self.environment.ask(name)
+        if self.inner:
+            self._refuse_index("the number of indices in use")
         return super().number_of_machines
+
+    def _refuse_index(self, what: str) -> None:
+        self.environment.refuse(
+            f"asks for {what}: machines that states run get theirs as they begin, so this cannot "
+            f"be explored; ask for machines by name"
+        )
 
     def resume(self, name: str) -> Status:
         """Resume a machine; of one that anybody may restart, its status is not known."""

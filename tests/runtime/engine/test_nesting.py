@@ -376,6 +376,65 @@ def test_one_that_is_suspended_meanwhile_stays_so() -> None:
     assert world.machine("Mission/Arm/Wheel").state_name == "drive"
 
 
+class Steps(Machine):
+    """Goes to its second state, and stays."""
+
+    begun: int = 0
+    first, second = State(), State(final=False)
+    first.to(second)
+
+    @first.on_entry
+    def _(self) -> None:
+        self.begun += 1
+
+
+class RunsSteps(Machine):
+    away: bool = False
+    work = State(runs=Steps, history=True)
+    wait = State(final=False)
+    work.to(wait, when=lambda self: self.away)
+    wait.to(work, when=lambda self: not self.away)
+
+
+@pytest.mark.parametrize("kind", [Arrangement, Defined])
+@pytest.mark.parametrize("when", ["before", "meanwhile", "put away"])
+@pytest.mark.parametrize(
+    ("asked", "begun", "state"),
+    [
+        (["restart"], 2, "second"),
+        (["restart", "resume"], 2, "second"),
+        (["restart", "suspend"], 1, "Suspended"),
+        (["suspend", "restart"], 2, "second"),
+        (["resume"], 1, "second"),
+    ],
+)
+def test_a_restart_is_for_when_it_goes_on(
+    asked: list[str], begun: int, state: str, when: str, kind: type[Arrangement]
+) -> None:
+    outer = RunsSteps()
+    arrangement = kind([outer], clock=ManualClock())
+    for _ in range(3):
+        arrangement.round()
+    if when == "meanwhile":
+        arrangement.suspend("RunsSteps")
+        arrangement.round()
+    for how in asked:
+        getattr(arrangement, how)("RunsSteps/Steps")
+    if when == "before":
+        arrangement.suspend("RunsSteps")
+    outer.away = when == "put away"
+    arrangement.round()
+    arrangement.round()
+    assert arrangement.states().get("RunsSteps/Steps") == (None if outer.away else "Suspended")
+    assert outer.work.machine.begun == 1
+    outer.away = False
+    arrangement.resume("RunsSteps")
+    for _ in range(3):
+        arrangement.round()
+    assert outer.work.machine.begun == begun
+    assert arrangement.states()["RunsSteps/Steps"] == state
+
+
 class Alternates(Machine):
     """Drives, and waits in between."""
 
