@@ -42,7 +42,9 @@ worlds = st.tuples(
     levels,
     levels,
     st.sampled_from(["bottom", "middle", "both", "two", "twice"]),
-    st.sampled_from([[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"], ["Top", "Top/Middle"]]),
+    st.sampled_from(
+        [[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"], ["Top", "Top/Middle"]]
+    ),
 )
 
 

@@ -36,6 +36,7 @@ from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 from llfsm.whiteboard.poller import class_of
 
+_BYTES = {"message", "kept"}  # fields of entries
 _WRONG_CHANNEL = (LookupError, ValueError, RecursionError, WhiteboardError, RosTypeError)
 
 
@@ -312,8 +313,9 @@ class Recording:
             kind = entry.get("event")
             if kind not in FIELDS or not entry.keys() >= {*FIELDS[kind]}:
                 raise ValueError(f"{kind!r} with {', '.join(entry)}")
-            if entry.get("message") is not None:
-                entry["message"] = a2b_base64(entry["message"], strict_mode=True)
+            for name in _BYTES & entry.keys():
+                if entry[name] is not None:
+                    entry[name] = a2b_base64(entry[name], strict_mode=True)
         except (ValueError, TypeError) as error:
             raise self._wrong(f"has an invalid event: {error}") from error
         return entry

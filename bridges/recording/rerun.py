@@ -34,11 +34,12 @@ from llfsm.bridges.recording.errors import RecordingError, RecordingFileError, R
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, ManualClock, Reason
 from llfsm.runtime.engine.environment import AgedRead, BoardEnvironment, Post, Read
-from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
+from llfsm.runtime.engine.errors import KeepError, OptionError, UnknownMachineError
 from llfsm.runtime.engine.events import IdleSleep, Status
 from llfsm.runtime.engine.kernel import Loadable
 from llfsm.runtime.journal.entries import FIELDS, Entry, Journal, as_entry
 from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.keeping import go_on
 from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
 
 if TYPE_CHECKING:
@@ -287,7 +288,7 @@ Comparison: TypeAlias = Literal["all", "states", "posts"]
 
 _TIMES: Final = {"reads", "time_ns", "duration_ns"}
 _MARKS: Final = {"Overridden", "Released", "Plan", "Lost"}
-_INPUTS: Final = {"Due", "Sensed", "Aged", "Answered", "Asked", "Loaded"}
+_INPUTS: Final = {"Due", "Sensed", "Aged", "Answered", "Asked", "Loaded", "Restored"}
 
 
 def _without_times(kind: str) -> tuple[str, ...]:
@@ -393,6 +394,7 @@ class Rerun:
     ):
         self._how: Comparison = how
         self._machines: list[str] = []  # that were there from the beginning
+        self._restored: Entry | None = None  # where a file had kept them
         self._inputs = RecordedInputs(self._noting_machines(entries), COMPARISONS[how])
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
@@ -428,6 +430,12 @@ class Rerun:
                 f"{self._source}: its machines are {', '.join(self._machines)}, "
                 f"not {', '.join(names) or 'none'}; another one must have the name of the first"
             )
+        if self._restored is not None:
+            kept, ahead_ns, now_ns = (self._restored[name] for name in FIELDS["Restored"])
+            try:
+                go_on(arrangement.kernel, kept, ahead_ns, now_ns, self._source)
+            except KeepError as error:
+                raise RecordingError(str(error)) from None
         while self.difference is None and not self._over:
             segment = inputs.segment
             if segment.event is None:
@@ -460,6 +468,8 @@ class Rerun:
         begun = False
         for entry in entries:
             begun = begun or "reads" in entry
+            if entry["event"] == "Restored":
+                begun, self._restored = True, entry
             if entry["event"] == "Loaded" and not begun:
                 self._machines.append(entry["machine"])
             yield entry

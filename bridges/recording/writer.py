@@ -319,7 +319,9 @@ class JournalWriter:
                 "folder": str(entry["folder"]),
             }
             return
-        if kind == "Loaded":
+        if kind == "Restored":
+            self.describe()  # what it loads is inside of the machines that were loaded before
+        elif kind == "Loaded" and not self._is_described:
             self.machines.append(str(entry["machine"]))
         elif "reads" in entry:
             self.describe()

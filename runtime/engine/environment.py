@@ -456,6 +456,9 @@ class Environment:
     def loaded(self, machine: str, path: str) -> None:
         """Note that a machine was loaded."""
 
+    def restored(self, kept: bytes, ahead_ns: int, now_ns: int) -> None:
+        """Note that the machines go on where a file has kept them: see `llfsm.runtime.keeping`."""
+
     def retire(self, machine: str) -> None:
         """Retire what a machine reads and posts by, and its claims: it is to be connected anew."""
 

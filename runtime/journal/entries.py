@@ -12,6 +12,7 @@ It holds enough to run the machines again exactly as they ran. An entry is one o
   between two rounds or, in a script, at the beginning of a turn;
 * `Answered`: a machine of another process returned its state, or its answer to a request;
 * `Loaded`: a machine was loaded from outside the arrangement;
+* `Restored`, before the first event: the machines go on where a file had kept them (`--keep`);
 * `Due`: the turns after the next event were due then, which is the time that machines see;
 * `Behind`: the clock stood still in a pause, and is so far behind the host's from now on;
 * `Plan`, at the beginning: the plan from which the arrangement was made, if there was one;
@@ -46,6 +47,7 @@ FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Plan": ("plan", "folder"),
     "Lost": (),
     "Loaded": ("machine", "path"),
+    "Restored": ("kept", "ahead_ns", "now_ns"),
     "Due": ("due_ns",),
     "Behind": ("behind_ns",),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),

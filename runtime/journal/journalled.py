@@ -171,6 +171,11 @@ class JournalledEnvironment(Environment):
         if self.journal.outside:
             self.journal.add(("Loaded", machine, path))
 
+    def restored(self, kept: bytes, ahead_ns: int, now_ns: int) -> None:
+        """Keep where the machines go on."""
+        self._inner.restored(kept, ahead_ns, now_ns)
+        self.journal.add(("Restored", kept, ahead_ns, now_ns))
+
     def unloaded(self, machine: str) -> None:
         """Let nothing be posted for the machine in the other environment."""
         self._inner.unloaded(machine)
@@ -202,6 +207,7 @@ class _JournalledClock(Clock):
     """A clock of which a journal keeps each reading, until it is closed."""
 
     def __init__(self, clock: Clock, journal: Journal):
+        self.passes = clock.passes
         now_ns, keep = clock.now_ns, journal.reads.append
         self.sleep_until_ns = clock.sleep_until_ns  # type: ignore[method-assign]
 

@@ -106,7 +106,8 @@ class _Keeping:
         self._roots = [seat.name for seat in self._kernel.roster]
         self._over: list[str] = []
         clock = arrangement.clock
-        self._ahead_ns = time.time_ns() - clock.now_ns() if clock.passes else 0
+        now_ns = self._kernel.environment.peek_ns()
+        self._ahead_ns = time.time_ns() - now_ns if clock.passes else 0
         self._variables = _Variables()
 
     def __call__(self, event: Event) -> None:
@@ -161,16 +162,52 @@ class _Keeping:
 
     def restore(self) -> bool:
         """Let the machines go on where they were; return False if there is nothing kept."""
-        if self._file.latest is None:
+        kept, environment = self._file.latest, self._kernel.environment
+        hint = "start the machines that it was written by, or remove it to begin anew"
+        going_on = _GoingOn(self._kernel, str(self._file.path), hint)
+        if kept is None or not going_on.read(kept):
             return False
+        now_ns = environment.peek_ns()
+        environment.restored(kept, self._ahead_ns, now_ns)
+        going_on.begin(self._ahead_ns, now_ns)
+        return True
+
+
+def go_on(kernel: Kernel, kept: bytes, ahead_ns: int, now_ns: int, source: str) -> None:
+    """Let the machines of a kernel go on where `kept` has them, as they did in a recorded run.
+
+    Times that are kept are by `ahead_ns` ahead of the machines' clock, at which it was `now_ns`.
+    Raise `KeepError` if these are not the machines, in the words of a user who knows the `source`.
+    """
+    going_on = _GoingOn(kernel, f"{source}: the file of --keep", "rerun the machines of then")
+    going_on.read(kept)
+    going_on.begin(ahead_ns, now_ns)
+
+
+class _GoingOn:
+    """Let machines go on where they were kept; errors name the `source`, and give a `hint`."""
+
+    def __init__(self, kernel: Kernel, source: str, hint: str):
+        self._kernel = kernel
+        self._source = source
+        self._hint = hint
+        self._variables = _Variables()
+        self._content = KeptMachines()
+        self._ahead_ns = self._now_ns = 0
+
+    def read(self, kept: bytes) -> bool:
+        """Read what was kept; return False if that is a run that was complete."""
         try:
-            content = _DECODER.decode(self._file.latest)
+            self._content = _DECODER.decode(kept)
         except msgspec.DecodeError as error:
             raise self._other(f"was written by another version: {error}") from None
-        if content == KeptMachines():  # the run was complete
-            return False
+        return self._content != KeptMachines()
+
+    def begin(self, ahead_ns: int, now_ns: int) -> None:
+        """Let each machine stand where it was."""
+        self._ahead_ns, self._now_ns = ahead_ns, now_ns
+        content, roster = self._content, self._kernel.roster
         kept = {machine.name: machine for machine in content.machines}
-        roster = self._kernel.roster
         for name in [name for name in kept if "/" not in name] + [*content.over]:
             if name not in roster.named:
                 raise self._other(f"has a machine {name}, which is not run")
@@ -179,7 +216,6 @@ class _Keeping:
                 self._seat(roster.named[name], kept)
             elif name in content.over:
                 self._kernel.vacate(roster.named[name])  # else it has ended as it was asked to
-        return True
 
     def _seat(
         self, seat: Seat, kept: Mapping[str, KeptMachine], *, unresumed: bool = False
@@ -240,7 +276,7 @@ class _Keeping:
 
     def _stand(self, seat: Seat, machine: KeptMachine, *, unresumed: bool) -> None:
         """Let a machine stand as if it was suspended meanwhile and resumed, or `unresumed`."""
-        now_ns = self._kernel.environment.peek_ns()
+        now_ns = self._now_ns
         state = seat.states.get(machine.state, seat.suspension)
         seat.stood = None
         if machine.stood is not None:
@@ -261,10 +297,7 @@ class _Keeping:
             seat.previous = None if machine.stood is None else seat.suspension
 
     def _other(self, what: str) -> KeepError:
-        return KeepError(
-            f"{self._file.path} {what}; start the machines that it was written by, or remove it "
-            f"to begin anew"
-        )
+        return KeepError(f"{self._source} {what}; {self._hint}")
 
 
 def _family(seat: Seat) -> Iterator[Seat]:

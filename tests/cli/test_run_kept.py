@@ -157,7 +157,6 @@ def test_a_file_in_use_or_of_other_machines_is_refused(llfsm: Llfsm, board: str)
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        (["--record", "run.mcap"], "--record needs a run from its beginning"),
         (["--ros", "--lifecycle"], "--keep keeps one run, --lifecycle may start several"),
     ],
 )

@@ -298,11 +298,6 @@ def _check_options(
     require_ros("transport", "domain", "router", ros=ros or ros_time, by="--ros or --ros-time")
     if lifecycle and recording is not None:
         raise click.UsageError("--record keeps one run, --lifecycle may start several")
-    if kept is not None and recording is not None:
-        raise click.UsageError(
-            "--record needs a run from its beginning, which --keep may not be: record the events "
-            "with `llfsm record`, or leave out one"
-        )
     if kept is not None and lifecycle:
         raise click.UsageError("--keep keeps one run, --lifecycle may start several")
 
