@@ -21,6 +21,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from llfsm.bridges.edit.edit_session import EditSession, decode_request
+from llfsm.bridges.edit.machine_page import unfolded_data
 from llfsm.bridges.edit.message_types import offered
 from llfsm.bridges.view.access import (
     ASSETS,
@@ -143,6 +144,7 @@ class _MachinePages:
             Route(f"{at}/", files.respond),
             Route(f"{at}/about", self._about),
             Route(f"{at}/offered", self._offered),
+            Route(f"{at}/unfolded", self._unfolded),
             WebSocketRoute(f"{at}/live", self._live),
         ]
 
@@ -170,6 +172,13 @@ class _MachinePages:
     async def _offered(self, _: HttpRequest) -> Response:
         """Send the types that machines can include, which are searched at this moment."""
         return json_response(await run_in_threadpool(offered, self._source))
+
+    async def _unfolded(self, request: HttpRequest) -> Response:
+        """Send the drawing with what states run inside of them, or why there is none."""
+        document = self._documents.get(request.path_params.get("machine", ""), "no such machine")
+        if isinstance(document, str):
+            return json_response({"problem": document})
+        return json_response(await run_in_threadpool(unfolded_data, document))
 
     async def _live(self, socket: WebSocket) -> None:
         session = self._sessions.get(socket.path_params.get("machine", ""))

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, cast
 
 from llfsm.bridges.edit.message_types import ros_class
 from llfsm.bridges.view.frames import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
+from llfsm.runtime.bundles.compiling import outline, outline_beside
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, Fragment
 from llfsm.runtime.bundles.read import SUFFIX
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import class_fields, message_fields
+from llfsm.runtime.drawing import arrange
 from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.sketch import sketch
 from llfsm.runtime.engine.errors import BundleError
@@ -57,6 +59,16 @@ def machine_data(document: Document) -> dict[str, Any]:
         "undo": document.can_undo,
         "redo": document.can_redo,
     }
+
+
+def unfolded_data(document: Document) -> dict[str, Any]:
+    """Draw the machine with those that its states run inside of them, or report why not."""
+    try:
+        bundle = document.bundle
+        table = outline(bundle)
+    except BundleError as error:
+        return {"problem": str(error)}
+    return plain_diagram(arrange(table, title=bundle.name, unfold=partial(outline_beside, bundle)))
 
 
 def findings_data(document: Document) -> dict[str, Any]:

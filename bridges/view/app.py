@@ -13,6 +13,7 @@ import logging
 import time
 from bisect import bisect_right
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from functools import partial
 from heapq import merge
 from itertools import islice
 from operator import attrgetter
@@ -248,8 +249,9 @@ class SourcePage:
         try:
             if sample is None or not isinstance(sample.message, MachineDefinition):
                 raise RequestError(f"{name}: its process has not published a definition")
-            shown = SECTIONS.get(sections)
-            drawn = await run_in_threadpool(diagram_data, sample.message, name, shown)
+            unfold, shown = "unfold" in request.query_params, SECTIONS.get(sections)
+            draw = partial(diagram_data, sample.message, name, shown, unfold=unfold)
+            drawn = await run_in_threadpool(draw)
         except RequestError as error:
             return json_response({"problem": str(error)})
         return json_response(drawn)

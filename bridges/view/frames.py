@@ -17,7 +17,14 @@ import msgspec
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_source import PageSource, Snapshot
 from llfsm.runtime.drawing import Diagram, arrange
-from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head, box_lines, label_lines
+from llfsm.runtime.drawing.diagram import (
+    Box,
+    Edge,
+    arrow_head,
+    box_lines,
+    inner_places,
+    label_lines,
+)
 from llfsm.runtime.drawing.shapes import Text
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.presence.published import table_of
@@ -38,14 +45,22 @@ SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False
 
 @lru_cache(maxsize=256)
 def diagram_data(
-    definition: MachineDefinition, title: str, sections: bool | None
+    definition: MachineDefinition, title: str, sections: bool | None, *, unfold: bool
 ) -> dict[str, Any]:
-    """Lay a machine out as `llfsm draw` does, as plain data; raise `RequestError`."""
+    """Lay a machine out as `llfsm draw` does, as plain data; raise `RequestError`.
+
+    To `unfold` it draws machines inside the states that run them.
+    """
+    find = _nothing if unfold else None
     try:
-        diagram = arrange(table_of(definition), title=title, sections=sections)
+        diagram = arrange(table_of(definition), title=title, sections=sections, unfold=find)
     except DefinitionError as error:
         raise RequestError(f"{title} cannot be drawn: {error}") from error
-    return plain_diagram(diagram)
+    return plain_diagram(diagram) | {"unfolds": bool(definition.inner)}
+
+
+def _nothing(_: str) -> None:
+    """Find no machine by a name: what is known is in the definition."""
 
 
 def plain_diagram(diagram: Diagram) -> dict[str, Any]:
@@ -71,6 +86,10 @@ def _plain_box(box: Box) -> dict[str, Any]:
         "suspend": box.suspend,
         "slot": box.slot,
         "lines": _lines(box_lines(box)),
+        "inner": [
+            plain_diagram(each) | {"machine": each.machine, "place": (x - each.left, y - each.top)}
+            for each, x, y in inner_places(box)
+        ],
     }
 
 

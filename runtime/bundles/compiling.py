@@ -305,6 +305,15 @@ def _run_by(bundle: Bundle, name: str) -> type[Machine] | str:
         _LOADING.pop()
 
 
+def outline_beside(bundle: Bundle, name: str) -> Table | None:
+    """Make the table of a bundle beside this one, as `outline` does; None if there is none."""
+    folder = None if bundle.folder is None else bundle.folder.parent / f"{name}{SUFFIX}"
+    try:
+        return None if folder is None else outline(read_bundle(folder))
+    except BundleError:
+        return None
+
+
 def require_own_files(folder: Path) -> None:
     """Raise `BundleError` if the files of a bundle are those of another one, which it is a copy of.
 

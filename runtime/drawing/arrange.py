@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 from llfsm.runtime.drawing.automatic_layout import automatic_layout
@@ -27,8 +28,8 @@ from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
 from llfsm.runtime.drawing.typeset import RUNS, numbered_labels, section_texts
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
-from llfsm.runtime.engine.state import Runs, State
-from llfsm.runtime.engine.table import Table, run_by, run_names
+from llfsm.runtime.engine.state import State
+from llfsm.runtime.engine.table import DrawnRuns, Table, run_by, run_names
 
 _START = 26.0  # from the dot's centre to the initial state
 
@@ -97,13 +98,14 @@ def _box(
 ) -> Box:
     given = table.layout.states.get(state.name) if table.layout else None
     inner, others = [], []
-    for name, runs in zip(run_names(state), state.runs, strict=True):
-        tables = [] if unfold is None else _tables(runs, unfold)
-        if tables and not any(each in around for each in tables):
+    for number, name in enumerate(run_names(state)):
+        tables = [] if unfold is None else _tables(table, state, number, unfold)
+        if tables and not any(each in around for _, each in tables):
             one_of = len(tables) > 1  # then `name` is of all
-            for each in tables:
+            for machine, each in tables:
                 title = f"{RUNS} {each.path.rpartition(':')[2] if one_of else name}"
-                inner.append(_arranged(each, title, sections, unfold, (*around, each)))
+                drawn = _arranged(each, title, sections, unfold, (*around, each))
+                inner.append(replace(drawn, machine=machine))
         else:
             others.append(name)
     texts = section_texts(state, sections=bool(sections), runs=others)
@@ -123,11 +125,16 @@ def _box(
     )
 
 
-def _tables(runs: Runs, unfold: Find) -> list[Table]:
+def _tables(table: Table, state: State, number: int, unfold: Find) -> list[tuple[str, Table]]:
+    """List the tables of what a state may run, each after the name of its machine."""
+    runs = state.runs[number]
+    if isinstance(runs, DrawnRuns):
+        return [*runs.tables]
     if isinstance(runs, str):
         found = unfold(runs)
-        return [] if found is None else [found]
-    return [cls.table for cls in run_by(runs)]
+        return [] if found is None else [(runs, found)]
+    classes = run_by(runs)
+    return [(table.inner_name(state, number, cls.__name__), cls.table) for cls in classes]
 
 
 def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Curve:

@@ -119,7 +119,8 @@ class Diagram:
     """A machine's picture; (left, top) need not be (0, 0), for places that an editor chose.
 
     `start` is the arrow to the initial state; its first point is the centre of a dot. That of an
-    overview is empty. A notebook shows the diagram.
+    overview is empty. One inside a box has the name of its `machine`, without that of the outer
+    one. A notebook shows the diagram.
     """
 
     title: str
@@ -130,6 +131,7 @@ class Diagram:
     boxes: tuple[Box, ...]
     edges: tuple[Edge, ...]
     start: Curve
+    machine: str = ""
 
     def _repr_svg_(self) -> str:
         return to_svg(self)
@@ -211,7 +213,7 @@ def box_lines(box: Box) -> Iterator[shapes.Text]:
             yield shapes.Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
     y += _HEADING
     base = y - _BASELINE * style.HEADING_SIZE
-    for each, x in _inner_places(box):
+    for each, x, _ in inner_places(box):
         yield shapes.Text(x, base, each.title, style.HEADING_SIZE, style.ACCENT, "bold", False)
 
 
@@ -224,11 +226,12 @@ def label_lines(label: Label) -> Iterator[shapes.Text]:
         y += line_height(size)
 
 
-def _inner_places(box: Box) -> Iterator[tuple[Diagram, float]]:
-    """Yield each diagram of a box, and the x of its left side."""
+def inner_places(box: Box) -> Iterator[tuple[Diagram, float, float]]:
+    """Yield each diagram of a box, with x of its left side and y of its upper one."""
     x = box.x - sum(map(_inner_width, box.inner)) / 2
+    y = box.bottom - _ABOVE_SECTIONS - max((each.height for each in box.inner), default=0)
     for each in box.inner:
-        yield each, x
+        yield each, x, y
         x += _inner_width(each)
 
 
@@ -327,8 +330,7 @@ def _box(box: Box) -> shapes.Group:
 
 def _inner(box: Box) -> Iterator[shapes.Group]:
     """Yield what a box has of other machines, at the bottom of it."""
-    y = box.bottom - _ABOVE_SECTIONS - max((each.height for each in box.inner), default=0)
-    for each, x in _inner_places(box):
+    for each, x, y in inner_places(box):
         marks = {"class": "inner", "data-machine": printable(each.title)}
         yield shapes.Group(_drawn(each), x - each.left, y - each.top, attributes=marks)
 

@@ -273,10 +273,19 @@ def run_by(runs: Runs) -> list[Any]:
     return [each for each in named if isinstance(each, type) and hasattr(each, "table")]
 
 
+class DrawnRuns(str):
+    """The names of what a state runs, and its tables, of a machine that is drawn and not run.
+
+    With each table is the name of its machine without that of the outer one.
+    """
+
+    tables: tuple[tuple[str, Table], ...] = ()
+
+
 def run_names(state: State) -> list[str]:
     """List what a state runs, as text: names of machine classes, as far as they are known."""
     return [
-        runs
+        str(runs)
         if isinstance(runs, str)
         else " or ".join(cls.__name__ for cls in run_by(runs)) or "a machine"
         for runs in state.runs

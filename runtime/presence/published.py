@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -21,11 +22,13 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import TextOnly, body_of
 from llfsm.runtime.engine.state import SECTIONS, State, Transition
 from llfsm.runtime.engine.table import (
+    DrawnRuns,
     MachineLayout,
     StateBox,
     Table,
     TransitionPath,
     numbered_names,
+    run_by,
     run_names,
 )
 from llfsm.runtime.log import logger
@@ -40,6 +43,7 @@ from llfsm.whiteboard.messages.llfsm import (
     DefinedSection,
     DefinedState,
     DefinedTransition,
+    InnerDefinition,
     MachineDefinition,
     MachineRequest,
     MachineStatus,
@@ -65,16 +69,37 @@ if TYPE_CHECKING:
 _RUNS: Final = "Runs"  # published as a section: what the state runs, a line each
 _TEXT: Final = 200  # characters of a value that is published
 _VARIABLES: Final = 12 << 10  # bytes of all of a machine's values: what is more is left out
-_MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
+_MOST: Final = {  # drawn in seconds
+    "inner machines": 50,
+    "states": 250,
+    "transitions": 800,
+    "characters": 1_000_000,
+}
 
 
-def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
-    """Describe a machine by its states and transitions, with or without its code."""
+def definition_of(table: Table, *, sections: bool = True, inner: bool = True) -> MachineDefinition:
+    """Describe a machine by its states and transitions, with or without its code and inner ones."""
     return MachineDefinition(
         table.path,
         tuple(_state(state, table.layout, sections) for state in table.states),
         "" if table.suspend is None else table.suspend.name,
+        tuple(islice(_inner(table, "", (table,)), _MOST["inner machines"])) if inner else (),
     )
+
+
+def _inner(table: Table, outer: str, around: tuple[Table, ...]) -> Iterator[InnerDefinition]:
+    """Describe the machines that the states of a table may run, but those they are inside of."""
+    for state in table.states:
+        for number, runs in enumerate(state.runs):
+            for cls in run_by(runs):
+                if cls.table in around:
+                    continue
+                name = outer + table.inner_name(state, number, cls.__name__)
+                within = definition_of(cls.table, sections=False, inner=False)
+                yield InnerDefinition(
+                    name, state.name, number, within.path, within.states, within.suspend
+                )
+                yield from _inner(cls.table, f"{name}/", (*around, cls.table))
 
 
 def _state(state: State, layout: MachineLayout | None, sections: bool) -> DefinedState:
@@ -114,7 +139,22 @@ def table_of(definition: MachineDefinition) -> Table:
     Raise `DefinitionError` if it contradicts itself or is too large to be drawn: any process that
     may write to a board may have written it.
     """
-    _check(definition)
+    _check(definition, definition.inner)
+    table = _table(definition)
+    tables = {"": table}
+    for each in definition.inner:
+        outer, _, name = each.name.rpartition("/")
+        states = {state.name: state for state in tables[outer].states} if outer in tables else {}
+        runs = states[each.state].runs if each.state in states else ()
+        if each.name in tables or each.number not in range(len(runs)):
+            raise DefinitionError(f"{definition.path}: no state of it runs {each.name!r}")
+        inner = tables[each.name] = _table(each)
+        place: Any = runs[each.number]
+        place.tables = (*place.tables, (name, inner))
+    return table
+
+
+def _table(definition: MachineDefinition | InnerDefinition) -> Table:
     states = {defined.name: State(defined.name) for defined in definition.states}
     if len(states) < len(definition.states) or not states:
         raise DefinitionError(f"{definition.path}: no states, or two of the same name")
@@ -127,7 +167,7 @@ def table_of(definition: MachineDefinition) -> Table:
             if section.name in SECTIONS:
                 state.sections[section.name] = TextOnly(section.text)
             elif section.name == _RUNS:
-                state.runs = tuple(section.text.splitlines())
+                state.runs = tuple(map(DrawnRuns, section.text.splitlines()))
         for transition in defined.transitions:
             if transition.target not in states:
                 raise DefinitionError(
@@ -158,13 +198,17 @@ def _finite(numbers: tuple[Any, ...]) -> tuple[Any, ...]:
     return numbers
 
 
-def _check(definition: MachineDefinition) -> None:
-    transitions = [t for state in definition.states for t in state.transitions]
-    texts = [section.text for state in definition.states for section in state.sections]
+def _check(definition: MachineDefinition, inner: Sequence[InnerDefinition]) -> None:
+    parts: list[MachineDefinition | InnerDefinition] = [definition, *inner]
+    states = [state for each in parts for state in each.states]
+    transitions = [t for state in states for t in state.transitions]
+    texts = [section.text for state in states for section in state.sections]
     texts += [text for t in transitions for text in (t.label, t.target)]
-    texts += [definition.path, *(state.name for state in definition.states)]
+    texts += [definition.path, *(state.name for state in states)]
+    texts += [text for each in inner for text in (each.path, each.name)]
     sizes = {
-        "states": len(definition.states),
+        "inner machines": len(inner),
+        "states": len(states),
         "transitions": len(transitions),
         "characters": sum(map(len, texts)),
     }
@@ -277,9 +321,10 @@ class PublishedMachine:
         return will
 
     def _define(self, names: str) -> None:
-        """Post the definition; without code if that is too large or not text."""
-        for sections in (True, False):
-            definition = definition_of(type(self._machine).table, sections=sections)
+        """Post the definition; without code or inner machines if it is too large or not text."""
+        for sections, inner in ((True, True), (False, True), (False, False)):
+            table = type(self._machine).table
+            definition = definition_of(table, sections=sections, inner=inner)
             with suppress(MessageError):
                 try:
                     self._board[definition_slot(names)].add(definition)

@@ -169,12 +169,31 @@ class DefinedState(Message):
     box: DefinedBox | None = None
 
 
+class InnerDefinition(Message):
+    """A machine that a state of another one may run, of that `number` of those that it runs.
+
+    `name` is without that of the outermost one, as in ``Drive/Wheel``, which a `state` of ``Drive``
+    runs.
+    """
+
+    name: str
+    state: str
+    number: int
+    path: str
+    states: tuple[DefinedState, ...]
+    suspend: str = ""
+
+
 class MachineDefinition(Message):
-    """A machine's states and transitions, for tools that draw it; the first state is initial."""
+    """A machine's states and transitions, for tools that draw it; the first state is initial.
+
+    `inner` are those that its states run, as far as they are known, each after its outer one.
+    """
 
     path: str
     states: tuple[DefinedState, ...]
     suspend: str = ""
+    inner: tuple[InnerDefinition, ...] = ()
 
 
 class VariableValue(Message, type_name="Variable"):

@@ -12,6 +12,7 @@ import { showTrouble, takeToken, useTheme } from "./page.js";
 import { listen as listenToKeys } from "./shortcuts.js";
 import { Simulation } from "./simulate.js";
 import { showTabs } from "./tabs.js";
+import { Unfolded } from "./unfolded.js";
 
 const NEW_SIZE = [100, 50]; // of the box of a new state
 const LINKS = { connecting: "connecting", live: "saved", stalled: "no answer", lost: "reconnecting", refused: "refused" };
@@ -22,6 +23,7 @@ const editor = new Editor(machine, (request) => link.ask(request));
 const inspector = new Inspector(machine, editor);
 const simulation = new Simulation(machine, (request) => link.ask(request));
 const live = new Live((request) => link.ask(request), () => inspector.flush());
+const unfolded = new Unfolded((path) => link.get(path), showDrawing);
 let drawing = null;
 let linked = "connecting";
 let isLost = false; // the connection, since when nothing is written
@@ -34,6 +36,11 @@ machine.lookAround = async () => {
   }
 };
 
+// Shows the drawing, to edit it, or what states run inside of them, to look at it.
+function showDrawing() {
+  $("drawing").replaceChildren(unfolded.isOn ? unfolded.element : drawing.element);
+}
+
 function take(frame) {
   machine.apply(frame);
   const { data } = machine;
@@ -42,12 +49,14 @@ function take(frame) {
   if (!drawing) {
     drawing = new Drawing(data);
     editor.drawing = drawing;
-    $("drawing").replaceChildren(drawing.element);
+    showDrawing();
     listenToPointer(drawing, editor);
     drawing.fit();
   } else drawing.update(data);
   editor.arrived(); // before what has gone is forgotten, such as the former name of what is selected
   editor.update();
+  $("unfold").hidden = Object.keys(data.runs).length === 0;
+  if (unfolded.isOn) $("unfold").hidden ? unfolded.fold() : unfolded.update();
   $("undo").disabled = !data.undo;
   $("redo").disabled = !data.redo;
   if (isLost || frame.trouble === "") inspector.flush(); // what could not be written may be now
@@ -190,7 +199,8 @@ const unlessOn = (what, act) => (event) => (event.target.closest(what) ? false :
 const remove = () => editor.remove();
 const redo = () => goBack("redo");
 const arrows = { ArrowLeft: arrow(-1, 0), ArrowRight: arrow(1, 0), ArrowUp: arrow(0, -1), ArrowDown: arrow(0, 1) };
-const zoom = { "+": drawn(() => drawing.zoom(1.25)), "-": drawn(() => drawing.zoom(0.8)), 0: drawn(() => drawing.fit()) };
+const shown = (act) => drawn(() => act((unfolded.isOn && unfolded.diagram) || drawing));
+const zoom = { "+": shown((each) => each.zoom(1.25)), "-": shown((each) => each.zoom(0.8)), 0: shown((each) => each.fit()) };
 const run = { r: () => simulation.start(), " ": unlessOn("button", () => simulation.toggle()), ".": () => simulation.step() };
 const kinds = { i: () => editor.makeInitial(), s: () => editor.toggleSuspend(), e: () => editor.expand() };
 listenToKeys([
@@ -214,6 +224,7 @@ listenToKeys([
   ["r  Space  .", "simulate from the beginning, run or pause, step", run],
   ["l", "reload the live machine, if the page may", { l: () => live.reload() }],
   ["a", "place everything automatically", { a: () => editor.arrange() }],
+  ["u", "draw what states run inside of them, and back", { u: drawn(() => unfolded.toggle()) }],
   ["d", "switch between light and dark", { d: useTheme() }],
   ["Esc", "back to the drawing; select nothing", { Escape: escape }],
 ]);

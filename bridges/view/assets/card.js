@@ -29,6 +29,8 @@ export class Card {
     this.condition = make("span", { class: "pill" });
     const code = { class: "quiet", "aria-pressed": "false", title: "Show or hide the states’ code" };
     this.code = button("Code", () => this.toggleSections(), code);
+    const inner = { class: "quiet", "aria-pressed": "false", title: "Show or hide the machines that states run", hidden: true };
+    this.inner = button("Inner", () => this.toggleInner(), inner);
     this.large = button(icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"), () => this.setLarge(!this.isLarge), {
       class: "quiet",
       title: "Fill the window (Enter), and back (Esc)",
@@ -54,7 +56,7 @@ export class Card {
       { class: "card", "data-machine": name },
       make("header", {},
         this.fold, make("h3", { title: name }, name), this.caller, this.condition,
-        make("span", { class: "where" }, this.state, this.since), this.code, this.large),
+        make("span", { class: "where" }, this.state, this.since), this.inner, this.code, this.large),
       this.timeline.element,
       this.error,
       this.debugging.element,
@@ -131,12 +133,23 @@ export class Card {
   }
 
   // Highlights the transitions to these changes: from number `first` on, up to `now`.
-  note(changes, first, now = Infinity) {
+  // They are those of this machine, or of a `machine` inside it.
+  note(changes, first, now = Infinity, machine = "") {
     if (!this.diagram || this.folded) return;
     for (let i = first; i < changes.length && changes[i][0] <= now; i += 1) {
       const [, , , source, transition] = changes[i];
-      if (source) this.diagram.fire(source, transition);
+      if (source) this.diagram.fire(source, transition, machine);
     }
+  }
+
+  toggleInner() {
+    this.inner.setAttribute("aria-pressed", String(!this.isUnfolded));
+    this.definition = undefined;
+    this.stale = true;
+  }
+
+  get isUnfolded() {
+    return this.inner.getAttribute("aria-pressed") === "true";
   }
 
   toggleSections() {
@@ -150,7 +163,8 @@ export class Card {
     this.definition = machine.definition;
     let data;
     try {
-      data = await this.panel.get("diagram", { machine: this.name, sections: this.sections });
+      const unfold = this.isUnfolded ? { unfold: "yes" } : {};
+      data = await this.panel.get("diagram", { machine: this.name, sections: this.sections, ...unfold });
     } catch {
       this.definition = undefined; // the connection will be restored
       return;
@@ -162,6 +176,7 @@ export class Card {
       return;
     }
     this.diagram = new Diagram(data);
+    this.inner.hidden = !data.unfolds;
     this.order = data.boxes.map((box) => box.state);
     const [, , width, height] = data.frame;
     this.place.style.setProperty("--shape", String(Math.min(2.4, Math.max(0.9, width / height))));
@@ -213,18 +228,28 @@ export class Card {
   }
 
   light(machine) {
-    const changes = this.panel.model.history.get(this.name) ?? [];
+    if (!this.diagram) return;
+    this.diagram.light(...this.standing(this.name, machine));
+    for (const name of this.diagram.parts.keys()) {
+      const inner = name && `${this.name}/${name}`;
+      const found = inner && this.panel.model.machines.get(inner);
+      if (inner) this.diagram.lightPart(name, ...(found ? this.standing(inner, found) : [null, "ended"]));
+    }
+  }
+
+  // What a diagram highlights of a machine.
+  standing(name, machine) {
+    const changes = this.panel.model.history.get(name) ?? [];
     const past = this.panel.span === null ? changes : changes.slice(0, firstAfter(changes, this.panel.model.now));
     const before = machine.suspended && past.findLast(([, state, suspended]) => state && !suspended);
-    const failed = machine.error_state || null;
-    this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null, failed);
+    return [this.stateOf(machine, name), machine.condition, before ? before[1] : null, machine.error_state || null];
   }
 
   // A recording has the events of machines, too, which contain each state, however short.
-  stateOf(machine) {
+  stateOf(machine, name = this.name) {
     const { model, span } = this.panel;
     if (span === null || machine.condition !== "running") return machine.state;
-    const changes = model.history.get(this.name) ?? [];
+    const changes = model.history.get(name) ?? [];
     const last = changes[firstAfter(changes, model.now) - 1];
     return last?.[1] || machine.state;
   }

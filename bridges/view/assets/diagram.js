@@ -26,7 +26,8 @@ export function lines(texts) {
   );
 }
 
-export function box(state) {
+// A state's box, with what is drawn inside.
+export function box(state, ...within) {
   const kinds = ["initial", "accepting", "suspend", "slot"].filter((kind) => state[kind]);
   const [x, y, width, height] = state.frame;
   return makeSvg(
@@ -37,6 +38,7 @@ export function box(state) {
     ...(state.accepting ? [rect([x + 3.5, y + 3.5, width - 7, height - 7], { class: "rim", rx: 6 })] : []),
     ...lines(state.lines),
     makeSvg("title", {}, state.state),
+    ...within,
   );
 }
 
@@ -64,28 +66,36 @@ export function transition(edge, ...under) {
 export class Diagram {
   constructor(data) {
     this.frame = data.frame;
-    this.states = new Map();
+    this.parts = new Map(); // the states and edges of each machine, by its name without the outermost one's
     this.places = new Map(data.boxes.map((each) => [each.state, each.frame]));
     this.current = null;
     this.isFollowing = false;
-    this.edges = data.edges.map((edge) => ({ ...edge, elements: transition(edge), timer: 0 }));
-    const [arrows, labels] = [0, 1].map((i) => this.edges.map(({ elements }) => elements[i]));
-    const boxes = data.boxes.map((each) => {
-      const element = box(each);
-      this.states.set(each.state, element);
-      return element;
-    });
     this.svg = makeSvg(
       "svg",
       { role: "img", "aria-label": `Diagram of ${data.title}`, preserveAspectRatio: "xMidYMid meet" },
-      ...start(data.start),
-      ...arrows,
-      ...boxes,
-      ...labels,
+      ...this.drawn(data, ""),
     );
+    this.states = this.parts.get("").states;
     this.element = make("div", { class: "diagram", tabindex: "0", "aria-label": `Diagram of ${data.title}; + and - zoom, arrows move, 0 fits, . follows` }, this.svg);
     this.listen();
     this.fit();
+  }
+
+  // Draws a machine, and in the boxes of its states the machines that they run.
+  drawn(data, machine) {
+    const states = new Map();
+    const edges = data.edges.map((edge) => ({ ...edge, elements: transition(edge), timer: 0 }));
+    const [arrows, labels] = [0, 1].map((i) => edges.map(({ elements }) => elements[i]));
+    const boxes = data.boxes.map((each) => {
+      const within = each.inner.map((inner) =>
+        makeSvg("g", { class: "inner", transform: `translate(${inner.place.join(" ")})` },
+          ...this.drawn(inner, machine ? `${machine}/${inner.machine}` : inner.machine)));
+      const element = box(each, ...within);
+      states.set(each.state, element);
+      return element;
+    });
+    this.parts.set(machine, { states, edges });
+    return [...start(data.start), ...arrows, ...boxes, ...labels];
   }
 
   // Highlights the current state and, of a suspended machine, the state to which it will resume;
@@ -96,7 +106,12 @@ export class Diagram {
       this.current = seen;
       if (this.isFollowing) this.centre();
     }
-    for (const [name, element] of this.states) {
+    this.lightPart("", state, condition, held, failed);
+  }
+
+  // Highlights the state of one machine; `machine` is its name without that of the outermost one.
+  lightPart(machine, state, condition, held = null, failed = null) {
+    for (const [name, element] of this.parts.get(machine).states) {
       element.classList.toggle("current", name === state && condition !== "ended");
       element.classList.toggle("held", name === held && name !== failed);
       element.classList.toggle("failed", name === failed);
@@ -105,8 +120,8 @@ export class Diagram {
   }
 
   // Highlights a transition, which then fades.
-  fire(source, number) {
-    for (const edge of this.edges) {
+  fire(source, number, machine = "") {
+    for (const edge of this.parts.get(machine)?.edges ?? []) {
       if (edge.source !== source || edge.number !== number) continue;
       for (const element of edge.elements) {
         element.classList.remove("fired");
@@ -123,14 +138,14 @@ export class Diagram {
   // Marks the states whose names contain a text; returns their number.
   find(text) {
     const found = [];
-    for (const [name, element] of this.states) {
+    for (const [name, element] of [...this.parts.values()].flatMap(({ states }) => [...states])) {
       const hit = text !== "" && name.toLowerCase().includes(text);
       element.classList.toggle("found", hit);
       if (hit) found.push(name);
     }
     if (found.length && text !== this.sought && this.view[2] < this.frame[2]) {
       this.isFollowing = false;
-      this.centre(GLIDE_MS, found[0]);
+      this.centre(GLIDE_MS, found.find((name) => this.places.has(name)));
     }
     if (!text && this.sought) this.begin();
     this.sought = text;

@@ -46,7 +46,11 @@ export class Machines {
       listed ||= card.element.dataset.condition !== condition || card.calledBy !== this.callerOf(name);
       const changes = this.model.history.get(name) ?? [];
       const known = this.span === null ? this.known.get(name) : undefined;
-      if (known !== undefined && known < changes.length) card.note(changes, known);
+      if (known !== undefined && known < changes.length) {
+        card.note(changes, known);
+        for (const [outer, inner] of this.around(name)) outer.note(changes, known, Infinity, inner);
+      }
+      for (const [outer] of this.around(name)) outer.stale = true;
       this.known.set(name, changes.length);
     }
     if (listed) this.arrange();
@@ -73,6 +77,14 @@ export class Machines {
   callerOf(name) {
     const [machine, caller] = [name, this.model.machines.get(name)?.caller].map((each) => this.model.machines.get(each));
     return machine && caller && machine.condition !== "ended" && caller.condition !== "ended" ? machine.caller : "";
+  }
+
+  // The cards of the machines that one is inside of, each with its name in there.
+  *around(name) {
+    for (let end = name.lastIndexOf("/"); end > 0; end = name.lastIndexOf("/", end - 1)) {
+      const card = this.cards.get(name.slice(0, end));
+      if (card) yield [card, name.slice(end + 1)];
+    }
   }
 
   search() {

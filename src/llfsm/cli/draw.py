@@ -12,7 +12,7 @@ import click
 from llfsm.cli.machines import find_bundle, find_machine_class, parse_arguments
 from llfsm.errors import printable
 from llfsm.runtime.bundles import outline, read_bundle
-from llfsm.runtime.bundles.read import SUFFIX
+from llfsm.runtime.bundles.compiling import outline_beside
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
 from llfsm.runtime.drawing import overview
@@ -107,10 +107,11 @@ def _overview(file: str, form: str) -> str | bytes:
 def _inner(machine: str, name: str) -> Table | None:
     """Find what a state runs by its name: a bundle beside the machine, or any other machine."""
     folder = find_bundle(machine)
-    beside = [] if folder is None else [str(folder.parent / f"{name}{SUFFIX}")]
-    for place in (*beside, name):
-        with suppress(click.ClickException):
-            return _table(place)[0]
+    beside = None if folder is None else outline_beside(read_bundle(folder), name)
+    if beside is not None:
+        return beside
+    with suppress(click.ClickException):
+        return _table(name)[0]
     return None
 
 

@@ -83,3 +83,31 @@ def test_a_machine_that_is_dropped_beside_states_runs_nowhere(
     state(page, "Rest").click()
     expect(page.locator("#runs")).to_have_value("")
     assert runs(mission) == {"Work": ((), False), "Rest": ((), False)}
+
+
+def test_what_states_run_is_drawn_inside_of_them_and_folded_again(
+    mission: Path,
+    open_page: Callable[[Path], Visit],  # noqa: F811
+) -> None:
+    page = open_page(mission).page
+    button = page.get_by_role("button", name="Unfold")
+    expect(button).to_be_hidden()  # no state runs anything
+    state(page, "Work").click()
+    page.locator("#runs").fill("Arm, Gone")
+    page.keyboard.press("Enter")
+    button.click()
+    inside = page.locator(".unfolded [data-state=Work] [data-state=Only]")
+    expect(inside).to_have_count(1)
+    expect(page.locator(".unfolded [data-state=Work]")).to_contain_text("Gone")
+    page.locator("#runs").fill("Arm, Base")
+    page.keyboard.press("Enter")
+    expect(inside).to_have_count(2)  # as the bundle is now
+    page.keyboard.press("Escape")
+    page.keyboard.press("u")
+    expect(page.locator(".unfolded")).to_have_count(0)
+    state(page, "Work").click()
+    button.click()
+    page.locator("#runs").fill("")
+    page.keyboard.press("Enter")
+    expect(page.locator(".unfolded")).to_have_count(0)  # nothing is left to unfold
+    expect(button).to_be_hidden()

@@ -198,3 +198,56 @@ def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
     ways = {(state, source, number) for _, state, _, source, number, *_ in changes if source}
     assert ways <= {("rest", "a", 0), ("b", "rest", 1), ("c", "b", 0), ("a", "c", 0)}
     assert any(skipped for *_, skipped, _ in changes)
+
+
+NESTED = """
+from llfsm.runtime import Machine, State
+
+class Wheel(Machine):
+    slow, fast = State(), State(final=False)
+    slow.to(fast, when=lambda self: self.is_suspended("Go"))
+
+class Arm(Machine):
+    lift = State(runs=Wheel, final=False)
+
+class Mission(Machine):
+    wait = State()
+    work = State(runs=[Arm, Wheel])
+    wait.to(work, when=lambda self: self.is_suspended("Go"))
+    work.to(wait, when_done=True)
+
+class Go(Machine):
+    go = State(final=False)
+"""
+
+
+def test_what_a_state_runs_is_drawn_and_lit_inside_of_it(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "nested.py").write_text(NESTED)
+    names = [f"{tmp_path / 'nested.py'}:{name}" for name in ("Mission", "Go")]
+    start("run", *names, "-q", "-b", board)
+    seen = visit(start(Server, board, "--control").address)
+    page = seen.page
+    card, other = page.locator("[data-machine=Mission]"), page.locator("[data-machine=Go]")
+    expect(card.locator(".diagram [data-state=work]")).to_contain_text("Arm")
+    inner = card.get_by_role("button", name="Inner")
+    expect(other.get_by_role("button", name="Inner")).to_be_hidden()  # it runs nothing
+    inner.click()
+    work = card.locator(".diagram [data-state=work]")
+    expect(work.locator("[data-state]")).to_have_count(5)  # also what has not run yet
+    expect(work.locator("[data-state].current")).to_have_count(0)
+    other.locator("[data-action=suspend]").click()
+    lit = work.locator("[data-state].current")
+    expect(lit).to_have_count(3)
+    page.wait_for_selector(
+        "[data-machine=Mission] [data-state=lift].current [data-state=fast].current"
+    )
+    found = lit.evaluate_all("each => each.map(({ dataset }) => dataset.state)")
+    assert found == ["lift", "fast", "fast"]
+    card.locator("[data-action=suspend]").click()
+    expect(lit).to_have_count(0)
+    expect(work.locator("[data-state].held")).to_have_count(3)
+    inner.click()
+    expect(card.locator(".diagram [data-state]")).to_have_count(2)
+    assert seen.errors == []

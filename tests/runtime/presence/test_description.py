@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,16 @@ from msgspec.structs import replace
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, Sensor, State, define
 from llfsm.runtime.bundles import load_bundle
-from llfsm.runtime.drawing import arrange
+from llfsm.runtime.drawing import Diagram, arrange
 from llfsm.runtime.presence.published import definition_of, table_of, variables_of
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     VIEWER,
     DefinedBox,
+    DefinedSection,
     DefinedState,
     DefinedTransition,
+    InnerDefinition,
     MachineDefinition,
     MachineVariables,
     VariableValue,
@@ -53,6 +56,21 @@ class Odd(Machine):
         self.hostile = _Hostile()
 
 
+class One(Machine):
+    a, b = State(), State()
+    a.to(b, after_ms=1)
+
+
+class Two(Machine):
+    a, b = State(runs=[One]), State(runs=One)
+    a.to(b, when_done=True)
+
+
+class Outer(Machine):
+    a, b = State(runs=[Two, One]), State(runs=lambda self: Two() if self.name else Outer())
+    a.to(b, when_failed=True)
+
+
 class _Hostile:
     def __repr__(self) -> str:
         raise RuntimeError("no")
@@ -73,6 +91,27 @@ def test_a_class_is_drawn_as_it_is_too() -> None:
     assert arrange(table_of(definition_of(table)), sections=True) == arrange(table, sections=True)
 
 
+def test_what_states_run_is_drawn_as_it_is_too() -> None:
+    table = Outer.table
+    again = table_of(definition_of(table))
+    drawn = arrange(again, unfold=lambda _: None)
+    assert arrange(again) == arrange(table)
+    names = [
+        (each.machine, [i.machine for b in each.boxes for i in b.inner]) for each in _in(drawn)
+    ]
+    assert names == [("Two", ["One", "One.0"]), ("One", []), ("Two.0", ["One", "One.0"])]
+    assert arrange(table_of(definition_of(table, inner=False)), unfold=lambda _: None) == arrange(
+        table
+    )
+    inner = arrange(Two.table, unfold=lambda _: None)
+    assert arrange(table_of(definition_of(Two.table)), unfold=lambda _: None) == inner
+
+
+def _in(diagram: Diagram) -> Iterator[Diagram]:
+    for box in diagram.boxes:
+        yield from box.inner
+
+
 def test_a_section_of_which_only_the_text_is_known_is_not_run() -> None:
     table = table_of(definition_of(Odd.table))
     with pytest.raises(TypeError, match="cannot be run"):
@@ -81,6 +120,14 @@ def test_a_section_of_which_only_the_text_is_known_is_not_run() -> None:
 
 def _reported(*states: DefinedState) -> MachineDefinition:
     return MachineDefinition("bad", states)
+
+
+def _inside(*names: str, number: int = 0, states: int = 1, runs: str = "") -> MachineDefinition:
+    """Define a machine, of which a state runs something, and inner machines."""
+    each = tuple(DefinedState(str(n)) for n in range(states))
+    outer = DefinedState("a", (DefinedSection("Runs", runs),) if runs else ())
+    inner = (InnerDefinition(name, "a", number, "", each) for name in names)
+    return MachineDefinition("bad", (outer,), "", tuple(inner))
 
 
 @pytest.mark.parametrize(
@@ -96,6 +143,13 @@ def _reported(*states: DefinedState) -> MachineDefinition:
         (_reported(DefinedState("a", box=DefinedBox(1e300, 0, 1, 1))), "impossible coordinates"),
         (_reported(*(DefinedState(str(i)) for i in range(251))), "251 states"),
         (_reported(DefinedState("x" * 1_000_001)), "characters"),
+        (_inside("Arm"), "no state of it runs 'Arm'"),
+        (_inside("Arm", "Arm", runs="Arm"), "no state of it runs 'Arm'"),  # twice
+        (_inside("Arm/Wheel", runs="Arm"), "no state of it runs 'Arm/Wheel'"),
+        (_inside("Arm", number=1, runs="Arm"), "no state of it runs 'Arm'"),
+        (_inside("Arm", number=-1, runs="Arm"), "no state of it runs 'Arm'"),
+        (_inside("Arm", states=250, runs="Arm"), "251 states"),
+        (_inside(*(f"M{i}" for i in range(51)), runs="Arm"), "51 inner machines"),
     ],
 )
 def test_a_definition_that_cannot_be_drawn_says_why(reported: MachineDefinition, what: str) -> None:
