@@ -26,7 +26,7 @@ from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
 from llfsm.runtime.verification.environment import ControlState
-from llfsm.runtime.verification.inner import inner_seats
+from llfsm.runtime.verification.inner import Made, inner_seats
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     Property,
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["holds", "replay"]
 
+_NONE_MADE: Made = {}
 _HEAD = ("round", "time", "machine", "saw", "did", "posted")
 _REQUESTED = {
     "suspend": "suspended",
@@ -123,14 +124,14 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     `ExecutionError` for an error of a machine's code, as `Arrangement.round` does.
     """
     run = ScriptRun(space.members, unload_accepting=space.unload_accepting, on_error=space.on_error)
-    views = [view_of(run.scripted)]
+    views = [view_of(run.scripted, space.made)]
     turn = False
 
     def look(event: Event) -> None:
         nonlocal turn
         if isinstance(event, Turn | RoundEnd):
             if turn:
-                views.append(view_of(run.scripted))
+                views.append(view_of(run.scripted, space.made))
             turn = isinstance(event, Turn)
 
     for observer in (look, *observers):
@@ -142,18 +143,18 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     return views
 
 
-def view_of(environment: ScriptedEnvironment) -> View:
-    """Take a view of the state in which machines are now."""
-    return View(LiveSituation(environment))
+def view_of(environment: ScriptedEnvironment, made: Made = _NONE_MADE) -> View:
+    """Take a view of the state in which machines are now; `made` is what states run unnamed."""
+    return View(LiveSituation(environment, made))
 
 
 class LiveSituation:
     """The state of machines that run as it is now, those that have left included."""
 
-    def __init__(self, environment: ScriptedEnvironment):
+    def __init__(self, environment: ScriptedEnvironment, made: Made = _NONE_MADE):
         loaded = {name: machine._seat for name, machine in environment.machines.items()}
         outermost = [seat for seat in loaded.values() if not seat.inner]
-        unloaded = {each.name: each for seat in outermost for each in inner_seats(seat)}
+        unloaded = {each.name: each for seat in outermost for each in inner_seats(seat, made)}
         seats = {**unloaded, **loaded}
         self.seats: Mapping[str, Seat] = seats
         self.defaults: Mapping[str, Any] = defaults_of(seats.values())

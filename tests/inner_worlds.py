@@ -41,7 +41,7 @@ worlds = st.tuples(
     levels,
     levels,
     levels,
-    st.sampled_from(["bottom", "middle", "both", "two", "twice"]),
+    st.sampled_from(["bottom", "middle", "both", "two", "twice", "either", "unnamed"]),
     st.sampled_from(
         [[], [], ["Top"], ["Top/Middle"], ["Top/Middle/Bottom"], ["Top", "Top/Middle"]]
     ),
@@ -108,13 +108,17 @@ def built(
     def make(machine: Any) -> Machine:
         return between(count=min(machine.count, 1))
 
+    kinds = {True: between, False: lowest}
     runs: list[Any] = {
         "bottom": [lowest],
         "middle": [between],
         "both": [between, lowest],
         "two": [lowest, lowest],
         "twice": [make],
+        "either": [lambda machine: between() if machine.count else lowest()],
+        "unnamed": [lambda machine: kinds[machine.count > 0]()],
     }[shape]
     outer = made("Top", top, runs, resume, clock)
-    names = {"Top", "Top/Middle", "Top/Middle/Bottom"} if runs[0] is not lowest else {"Top"}
+    alone = runs[0] is lowest or shape == "unnamed"  # of which the others may never be there
+    names = {"Top"} if alone else {"Top", "Top/Middle", "Top/Middle/Bottom"}
     return outer, [name for name in suspend if name in names]

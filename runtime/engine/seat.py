@@ -38,6 +38,12 @@ RUNTIME = os.path.dirname(os.path.dirname(__file__))
 _MOST_DEEP = 32  # machines inside each other
 
 
+def require_shallow(name: str, depth: int) -> None:
+    """Raise `LoadError` for a machine so many machines deep that it must not run another one."""
+    if depth >= _MOST_DEEP:
+        raise LoadError(f"{name} is {depth} machines deep: do their states run each other?")
+
+
 class Instrument(Protocol):
     """A debugger in an arrangement, where observing every event would cost too much."""
 
@@ -261,10 +267,7 @@ class Seat(SeatFields):
 
     def prepare(self, state: State, number: int) -> Seat:
         """Make what a state runs and its seat, which has no place yet."""
-        if self.depth == _MOST_DEEP:
-            raise LoadError(
-                f"{self.name} is {_MOST_DEEP} machines deep: do their states run each other?"
-            )
+        require_shallow(self.name, self.depth)
         runs = state.runs[number]
         made = runs if isinstance(runs, str | type) else runs(self.machine)
         return self.control.loader.seat_within(self, state, number, made)

@@ -17,6 +17,7 @@ clock that another program sets, they are kept by that one.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -28,15 +29,18 @@ import msgspec
 from llfsm.runtime._values import UnknownValueError, freeze
 from llfsm.runtime.engine.errors import ExecutionError, KeepError
 from llfsm.runtime.engine.events import End, Event, Reason, Request, RoundEnd
+from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.nest import RunStanding
 from llfsm.runtime.engine.seat import Failure, Seat
 from llfsm.runtime.engine.submachine import Submachine, Submachines
+from llfsm.runtime.engine.table import run_by
 from llfsm.runtime.keeping._kept_file import KeptFile
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.kernel import Kernel
-    from llfsm.runtime.engine.table import Variable
+    from llfsm.runtime.engine.state import Runs
+    from llfsm.runtime.engine.table import Table, Variable
 
 T = TypeVar("T")
 
@@ -61,6 +65,8 @@ class KeptMachine(msgspec.Struct, frozen=True):
     parking: bool
     variables: dict[str, msgspec.Raw]
     runs: tuple[RunStanding, ...]
+    cls: str = ""
+    """The module and the name of its class."""
 
 
 class KeptMachines(msgspec.Struct, frozen=True):
@@ -158,6 +164,7 @@ class _Keeping:
             seat.parking,
             self._variables.pack(seat),
             seat.nest.standing,
+            _name_of(type(seat.machine)),
         )
 
     def restore(self) -> bool:
@@ -226,7 +233,7 @@ class _GoingOn:
         """
         machine = kept[seat.name]
         self._check(seat, machine)
-        for name, value in self._variables.unpack(seat, machine.variables, self._other):
+        for name, value in self._unpack(seat.name, seat.table, machine):
             setattr(seat.machine, name, value)
         unresumed = unresumed or machine.request in (Request.SUSPEND, Request.RESTART)
         self._stand(seat, machine, unresumed=unresumed or machine.accepted)
@@ -246,15 +253,24 @@ class _GoingOn:
     def _inner(
         self, outer: Seat, state: str, number: int, kept: Mapping[str, KeptMachine], name: str
     ) -> Seat:
-        """Make the seat of a machine that a state runs."""
+        """Make the seat of a machine that a state runs.
+
+        A function would make another one now if that depends on what has changed since.
+        """
         declared = outer.declared(outer.states[state])
+        if name not in kept:
+            raise self._other(f"lacks {name}, which {outer.name} runs")
         try:
             seat = outer.prepare(declared, number)
+            why = "" if seat.name == name else f"where {outer.name} would run {seat.name}"
         except Exception as error:  # of the machine's own code
-            what = f"{type(error).__name__}: {error}"
-            raise self._other(f"has {name}, which {outer.name} cannot run: {what}") from error
-        if seat.name != name or name not in kept:
-            raise self._other(f"has {name}, where {outer.name} would run {seat.name}")
+            why = f"which {outer.name} cannot run: {type(error).__name__}: {error}"
+        if why:
+            cls = _class_of(kept[name], declared.runs[number])
+            if cls is None:
+                raise self._other(f"has {name}, {why}")
+            variables = dict(self._unpack(name, cls.table, kept[name]))
+            seat = outer.control.loader.seat_within(outer, declared, number, cls(**variables))
         seat.left, seat.parking = kept[name].left, kept[name].parking
         return seat
 
@@ -270,9 +286,6 @@ class _GoingOn:
         ]:
             if state not in needed:
                 raise self._other(f"has {seat.name} in {state}, a state that it has no more")
-        for variable in machine.variables:
-            if variable not in seat.table.variables:
-                raise self._other(f"has a variable {variable!r}, which {seat.name} has no more")
 
     def _stand(self, seat: Seat, machine: KeptMachine, *, unresumed: bool) -> None:
         """Let a machine stand as if it was suspended meanwhile and resumed, or `unresumed`."""
@@ -296,8 +309,39 @@ class _GoingOn:
             seat.current = state
             seat.previous = None if machine.stood is None else seat.suspension
 
+    def _unpack(self, name: str, table: Table, machine: KeptMachine) -> Iterator[tuple[str, Any]]:
+        """Yield each variable that was kept, with its value."""
+        for each, raw in machine.variables.items():
+            variable = table.variables.get(each)
+            if variable is None:
+                raise self._other(f"has a variable {each!r}, which {name} has no more")
+            if variable.kept:
+                try:
+                    yield each, self._variables.unpack(variable, bytes(raw))
+                except msgspec.DecodeError as error:
+                    raise self._other(f"has another type of {name}.{each}: {error}") from None
+
     def _other(self, what: str) -> KeepError:
         return KeepError(f"{self._source} {what}; {self._hint}")
+
+
+def _name_of(cls: type[Machine]) -> str:
+    return f"{cls.__module__}:{cls.__qualname__}"
+
+
+def _class_of(machine: KeptMachine, runs: Runs) -> type[Machine] | None:
+    """Find the class of a machine that a function has made, by its name; None if it is in none."""
+    if isinstance(runs, str):
+        return None
+    for cls in run_by(runs):
+        if _name_of(cls) == machine.cls:
+            found: type[Machine] = cls
+            return found
+    module, _, names = machine.cls.partition(":")
+    known: Any = sys.modules.get(module)
+    for name in names.split("."):
+        known = getattr(known, name, None)
+    return known if isinstance(known, type) and issubclass(known, Machine) else None
 
 
 def _family(seat: Seat) -> Iterator[Seat]:
@@ -328,7 +372,7 @@ class _Variables:
         try:
             data = msgspec.msgpack.encode(value)
             if self._checked.get((machine, variable.name)) != (type(value), data):
-                if not _is_same(self._unpack(variable, data), value):
+                if not _is_same(self.unpack(variable, data), value):
                     raise TypeError(f"it would come back as another value of {variable.type_text}")
                 self._checked[machine, variable.name] = type(value), data
         except (TypeError, ValueError, OverflowError, RecursionError) as error:
@@ -339,19 +383,8 @@ class _Variables:
             ) from None
         return data
 
-    def unpack(
-        self, seat: Seat, packed: Mapping[str, msgspec.Raw], other: Any
-    ) -> Iterator[tuple[str, Any]]:
-        """Yield each variable that was kept, with its value; raise what `other` makes of a text."""
-        for name, raw in packed.items():
-            variable = seat.table.variables[name]
-            if variable.kept:
-                try:
-                    yield name, self._unpack(variable, bytes(raw))
-                except msgspec.DecodeError as error:
-                    raise other(f"has another type of {seat.name}.{name}: {error}") from None
-
-    def _unpack(self, variable: Variable, data: bytes) -> Any:
+    def unpack(self, variable: Variable, data: bytes) -> Any:
+        """Return a value that was packed; raise `msgspec.DecodeError` for one of another type."""
         key = variable.owner, variable.name
         decoder = self._decoders.get(key)
         if decoder is None:

@@ -66,6 +66,7 @@ class Decisions:
         max_states: int | None,
         max_seconds: float | None,
         progress: Callable[[Progress], object] | None,
+        begin_s: float,
     ):
         self.named: set[FieldName] = set()
         """The fields that properties ask for."""
@@ -81,7 +82,7 @@ class Decisions:
         self.short_of_memory = False
         """True if it was ended before memory was used up."""
         self._look_s = LOOK_S
-        self._begin = time.monotonic()
+        self._begin = begin_s
         self._deadline_s = inf if max_seconds is None else self._begin + max_seconds
         system.ringlets.deadline.at_s = self._deadline_s
         self._checkers = {prop: _checkers_of(prop) for prop in properties}

@@ -16,6 +16,7 @@ difference. What keeps this fast is that the machines' code is run only for dist
 from __future__ import annotations
 
 import gc
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
@@ -31,6 +32,7 @@ from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
 from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
+from llfsm.runtime.verification.inner import Made, UnknownInnerError
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     Property,
@@ -128,27 +130,52 @@ def explore(
         raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
         raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
-    system = System(
-        members,
-        watchers=len(watching),
-        time_model=time_model,
-        sensors=sensors or {},
-        stop=stop,
-        suspend=[suspend] if isinstance(suspend, str) else suspend,
-        by_rounds=choices == "rounds",
-        unload_accepting=unload_accepting,
-        on_error=on_error,
-        abstract=abstract or {},
-    )
-    for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
-        if machine.__name__ != name:
-            raise PredicateError(
-                f"monitor: another machine is called {machine.__name__}, too; rename one"
-            )
-    decisions = Decisions(
-        system, asked, max_states=max_states, max_seconds=max_seconds, progress=progress
-    )
-    return _explored(system, decisions, members)
+    begin_s = time.monotonic()
+    made: Made = {}
+
+    def attempt(*, learning: bool) -> Space | None:
+        """Explore what is known; return None if that was to learn what else there is."""
+        system = System(
+            members,
+            watchers=len(watching),
+            time_model=time_model,
+            sensors=sensors or {},
+            stop=stop,
+            suspend=[suspend] if isinstance(suspend, str) else suspend,
+            by_rounds=choices == "rounds",
+            unload_accepting=unload_accepting,
+            on_error=on_error,
+            abstract=abstract or {},
+            made=made,
+            learning=learning,
+        )
+        for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
+            if machine.__name__ != name:
+                raise PredicateError(
+                    f"monitor: another machine is called {machine.__name__}, too; rename one"
+                )
+        decisions = Decisions(
+            system,
+            [] if system.learning else asked,
+            max_states=max_states,
+            max_seconds=max_seconds,
+            progress=progress,
+            begin_s=begin_s,
+        )
+        space = _explored(system, decisions, members)
+        return None if system.learning else space
+
+    learning = True
+    while True:
+        try:
+            space = attempt(learning=learning)
+        except UnknownInnerError as error:
+            made.setdefault(error.place, []).append(error.cls)
+            learning = True
+        else:
+            if space is not None:
+                return space
+            learning = False
 
 
 def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:

@@ -41,7 +41,7 @@ from llfsm.runtime.verification.environment import (
     UnknownControlError,
 )
 from llfsm.runtime.verification.errors import UnsupportedError
-from llfsm.runtime.verification.inner import InnerLoader
+from llfsm.runtime.verification.inner import InnerLoader, Made
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
@@ -130,6 +130,8 @@ class Ringlets(Control):
         on_error: OnError,
         abstract: Abstraction,
         controlled: Iterable[str],
+        made: Made,
+        learning: bool,
     ):
         self.environment = ExploredEnvironment()
         kernel = _ExploredKernel(
@@ -144,9 +146,11 @@ class Ringlets(Control):
         self._complete = False
         for member in members:
             member.load(self)
-        self.loader: InnerLoader = InnerLoader(self, self.environment)
+        self.loader: InnerLoader = InnerLoader(self, self.environment, made)
         self._complete = True
         self.seats = self.loader.with_inner(self.roster)
+        self.learning = learning and self.loader.is_open
+        """True to find out what states run: until then names may be of that."""
         self.places = {seat.name: number for number, seat in enumerate(self.seats)}
         self.environment.members = self.places.keys()
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
@@ -179,7 +183,8 @@ class Ringlets(Control):
         """Names of variables in the order of the alphabet."""
         self._abstract: list[dict[str, Callable[[Any], Any]]] = [{} for _ in self.seats]
         for name, function in abstract.items():
-            self._add_abstraction(name, function)
+            if not (self.learning and name.rpartition(".")[0] not in self.places):
+                self._add_abstraction(name, function)
         self._owners: dict[int, str] | None = {}  # of values that change, by their ids
         self.initial = [
             (self._control_of(place), self._variables_of(place)) for place in range(len(self.seats))

@@ -30,6 +30,7 @@ from llfsm.runtime.verification.environment import (
     UnknownControlError,
 )
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
+from llfsm.runtime.verification.inner import Made
 from llfsm.runtime.verification.properties import defaults_of
 
 if TYPE_CHECKING:
@@ -82,7 +83,11 @@ class System:
         unload_accepting: bool,
         on_error: OnError,
         abstract: Mapping[str, Callable[[Any], Any]],
+        made: Made,
+        learning: bool,
     ):
+        self.made = made
+        """The classes that states were found to run, which they do not name."""
         self.time_model = time_model
         self.stop = stop
         self.by_rounds = by_rounds
@@ -94,11 +99,14 @@ class System:
             on_error=on_error,
             abstract=abstract,
             controlled=self.suspend,
+            made=made,
+            learning=learning,
         )
+        self.learning = self.ringlets.learning
         self.names = list(self.ringlets.places)
         self.watchers = range(len(self.names) - watchers, len(self.names))
         """The places of the monitors, which are the last machines."""
-        for name in sorted(self.suspend):
+        for name in sorted(self.suspend) if not self.learning else ():
             if name not in self.names:
                 raise DomainError(
                     f"suspend names {name!r}, which is not a machine"
@@ -157,6 +165,8 @@ class System:
         self.domains: dict[str, tuple[int, ...]] = {}
         """The numbers of the messages that may be in each slot of the environment."""
         for name, domain in given.items():
+            if self.learning and name not in self.sensed:
+                continue
             self._check_given(name)
             self._add_domain(name, domain, f"sensors[{name!r}]")
         for name, domains in declared.items():

@@ -1,9 +1,13 @@
 """Machines that states run, in an exploration: each that a state may run has a place of its own.
 
 In a run such a machine is made when its state is entered. Here it is there from the start, but not
-loaded; to enter the state gives it the variables of one that is made then. When it ends it is
-forgotten, so that what it was makes no two states of one: its control state and variables are what
-they were at the start. Only its variables are kept, if code is found to look at them later.
+loaded; to enter the state gives it the variables of one that is made then. If a state is found to
+run a class that its declaration does not name, or a machine inside of itself, the exploration
+begins again with a place for that, too (`UnknownInnerError`).
+
+When a machine ends it is forgotten, so that what it was makes no two states of one: its control
+state and variables are what they were at the start. Only its variables are kept, if code is found
+to look at them later.
 
 Whatever the outer machine's ringlet learns of an inner one, or changes, is noted in the environment
 by name: its control state (`ask`) and its variables (`look_at`).
@@ -12,13 +16,13 @@ by name: its control state (`ask`) and its variables (`look_at`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from llfsm.runtime.engine.clock import NEVER
 from llfsm.runtime.engine.kernel import Loader
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.nest import Nest
-from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.engine.seat import Seat, require_shallow
 from llfsm.runtime.engine.submachine import Raised, Submachine, Submachines
 from llfsm.runtime.engine.table import REQUIRED, run_by
 from llfsm.runtime.expressions.reads import may_use
@@ -32,11 +36,31 @@ if TYPE_CHECKING:
     from llfsm.runtime.verification.environment import ExploredEnvironment
 
 
-class InnerLoader(Loader):
-    """Load machines, and those that their states run into the places that they have."""
+Made: TypeAlias = dict[tuple[str, str, int], list[type[Machine]]]
+"""By an outer machine, a state, and the number of what that runs: classes that were made there."""
 
-    def __init__(self, control: Control, environment: ExploredEnvironment):
+
+class UnknownInnerError(UnsupportedError):
+    """A state runs a class for which there is no place."""
+
+    def __init__(self, outer: str, state: str, number: int, cls: type[Machine]):
+        super().__init__(f"{outer} runs a {cls.__qualname__} in {state}, which nothing names")
+        self.place = outer, state, number
+        self.cls = cls
+
+
+class InnerLoader(Loader):
+    """Load machines, and those that their states run into the places that they have.
+
+    There are places for the classes that states name, and for those in `made`.
+    """
+
+    def __init__(self, control: Control, environment: ExploredEnvironment, made: Made):
         super().__init__(control, None)
+        self.classes |= control.loader.classes
+        self._made = made
+        self.is_open = False
+        """True if a state may run what has no place yet, as far as its declaration shows."""
         self._control = control
         self._environment = environment
         self._places: dict[tuple[str, str, int, type[Machine]], Seat] = {}
@@ -63,33 +87,39 @@ class InnerLoader(Loader):
         outer.kernel.bind(outer)
 
     def _seats_of(self, outer: Seat, state: State, number: int) -> Iterator[Seat]:
-        classes: list[type[Machine]] = run_by(state.runs[number])
-        if not classes:
+        runs = state.runs[number]
+        if isinstance(runs, str) and runs not in self.classes:
             raise UnsupportedError(
-                f"{outer.name}.{state.name} runs what is only known when it is made: this cannot "
-                f"be explored; name the machine's class in the function, or give it"
+                f"{outer.name}.{state.name} runs {runs!r}, which is none of the machines here: "
+                f"this cannot be explored; give the class, or a function that names it"
             )
+        named, classes = run_by(runs), _classes(outer, state, number, self._made)
+        self.is_open |= not named or not {*classes} >= {*named}
         for cls in classes:
-            if any(type(each.machine) is cls for each in _outwards(outer)):
-                raise UnsupportedError(
-                    f"{outer.name}.{state.name} runs {cls.__qualname__} inside of itself: this "
-                    f"cannot be explored"
-                )
             seat = _seat(outer, state, number, cls)
+            name = seat.name
             self._places[outer.name, state.name, number, cls] = super().put(seat)
+            if seat.name != name:
+                raise UnsupportedError(
+                    f"{name} is the name of what two states run, one of which does not name it: "
+                    f"this cannot be explored; give the class, or a function that names it, in both"
+                )
             yield seat
 
     def seat_within(self, outer: Seat, state: State, number: int, made: Any) -> Seat:
         """Give the place of what a state runs to the machine that was made."""
         machine = self._make(made, None)
+        require_shallow(outer.name, sum(1 for _ in _outwards(outer)) - 1)
         seat = self._places.get((outer.name, state.name, number, type(machine)))
         if seat is None:
-            self._environment.refuse(
-                f"runs a {type(machine).__qualname__} in {state.name}, which the function that "
-                f"makes it does not name: this cannot be explored; name the class there"
+            self._environment.refusal = UnknownInnerError(
+                outer.name, state.name, number, type(machine)
             )
-        self._environment.ask(seat.name)
-        self._begin_anew(seat)
+            raise self._environment.refusal
+        for place, each in self._places.items():
+            if place[:3] == (outer.name, state.name, number):  # nobody knows of those of before
+                self._environment.ask(each.name)
+                self._begin_anew(each)
         vars(seat.machine).update(vars(machine))
         return seat
 
@@ -242,15 +272,21 @@ class _Looked:
         self._seat.leave()
 
 
-def inner_seats(outer: Seat) -> Iterator[Seat]:
+def inner_seats(outer: Seat, made: Made) -> Iterator[Seat]:
     """Make a seat for each machine that states of one may run, as one that is not loaded."""
     for state in outer.table.states:
-        for number, runs in enumerate(state.runs):
-            for cls in run_by(runs):
-                if all(type(each.machine) is not cls for each in _outwards(outer)):
-                    inner = _seat(outer, state, number, cls)
-                    yield inner
-                    yield from inner_seats(inner)
+        for number in range(len(state.runs)):
+            for cls in _classes(outer, state, number, made):
+                inner = _seat(outer, state, number, cls)
+                yield inner
+                yield from inner_seats(inner, made)
+
+
+def _classes(outer: Seat, state: State, number: int, made: Made) -> list[type[Machine]]:
+    """List the classes that a state may run: those it names, but outer ones, and those made."""
+    around = {type(each.machine) for each in _outwards(outer)}
+    named = [cls for cls in run_by(state.runs[number]) if cls not in around]
+    return [*dict.fromkeys([*named, *made.get((outer.name, state.name, number), [])])]
 
 
 def _seat(outer: Seat, state: State, number: int, cls: type[Machine]) -> Seat:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from enum import Enum
@@ -12,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from inner_worlds import DOOR, LOOKING, OUT, PARKED, PLAIN, built, worlds
@@ -124,6 +125,7 @@ steps = st.lists(
 def test_nobody_sees_that_machines_were_killed_if_all_states_go_on_in_place(
     world: Any, steps: list[tuple[str, Any]], keeps: bool
 ) -> None:
+    assume(world[3] != "unnamed")  # classes that are in no module, and that nothing names
     outer, _ = built(world, resume="in_place")
     with TemporaryDirectory() as folder, ExitStack() as ends:
         lives = Process(outer, unload_accepting=not keeps)
@@ -461,3 +463,53 @@ def test_variables_of_bundles_and_subclasses_keep_what_was_said_of_them() -> Non
     assert Child.table.variables["cache"].default == 3
     with suppress(AttributeError):
         assert Child().cache == 3  # type: ignore[comparison-overlap]
+
+
+class Far(Machine):
+    steps: int
+    go = State(final=False)
+
+
+class Near(Machine):
+    go = State(final=False)
+
+
+HIDDEN = {False: lambda: Far(steps=3), True: Near}
+
+
+class Chooses(Machine):
+    """Runs one machine, and would run another one now, for reasons that nothing names."""
+
+    near: bool = False
+    work = State(runs=lambda self: HIDDEN[self.near](), final=False)
+
+    @work.internal
+    def _(self) -> None:
+        self.near = True
+
+
+def test_what_a_function_has_made_goes_on_though_it_would_make_another_machine_now(
+    tmp_path: Path,
+) -> None:
+    process = Process(Chooses, file=tmp_path / "kept")
+    process.turn(3)
+    process.kill()
+    process.start()
+    process.turn()
+    assert process.went_on == [False, True]
+    assert [*process.standing] == ["Chooses", "Chooses/Far"]
+    far = process.arrangement.machine("Chooses/Far")
+    assert isinstance(far, Far)
+    assert far.steps == 3
+    process.kill()
+
+
+def test_one_that_is_in_no_module_cannot_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = Process(Chooses, file=tmp_path / "kept")
+    process.turn(3)
+    process.kill()
+    monkeypatch.delattr(sys.modules[__name__], "Far")
+    with pytest.raises(KeepError, match="has Chooses/Far, where Chooses would run Chooses/Near"):
+        process.start()

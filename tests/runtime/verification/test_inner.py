@@ -15,6 +15,8 @@ from llfsm.runtime import Actuator, Machine, Sensor, State, Submachine
 from llfsm.runtime.counterexamples import holds, replay, script_of, story_of
 from llfsm.runtime.testing import InvariantError, play
 from llfsm.runtime.verification import (
+    DomainError,
+    PredicateError,
     PropertyError,
     UnsupportedError,
     always,
@@ -196,26 +198,131 @@ def test_a_failure_that_is_not_handled_is_found() -> None:
     assert "fails in runs: " in story
 
 
-def test_what_is_only_known_when_it_is_made_is_refused() -> None:
-    makers: dict[str, type[Machine]] = {"drive": Drive}
+class Back(Machine):
+    """Drives back, if the door is open."""
 
-    class Hides(Machine):
-        work = State(runs=lambda self: makers["drive"]())
-
-    class Names(Machine):
-        work = State(runs="Drive")
-
-    for machine in (Hides, Names):
-        with pytest.raises(UnsupportedError, match=r"\.work runs what is only known when it is"):
-            explore(machine, period_ms=10)
+    door = Sensor(DOOR, default=Bool())
+    go, over = State(), State()
+    go.to(over, when=lambda self: self.door.data)
 
 
-def test_a_machine_that_runs_itself_is_refused() -> None:
+MAKERS: dict[bool, type[Machine]] = {False: Drive, True: Back}
+
+
+class Chooses(Machine):
+    """Runs what nothing names."""
+
+    door = Sensor(DOOR, default=Bool())
+    opened: bool = False
+    wait = State()
+    work = State(runs=lambda self: MAKERS[self.opened]())
+    over = State()
+    wait.to(work, after_ms=10)
+    work.to(over, when_done=True)
+
+    @wait.internal
+    def _(self) -> None:
+        self.opened = self.door.data
+
+
+class Nested(Machine):
+    """Runs itself, less and less deep."""
+
+    depth: int = 2
+    count: int = 0
+    work, over = State(runs=lambda self: deeper(self)), State()
+    work.to(over, when_done=True)
+
+    @over.on_entry
+    def _(self) -> None:
+        self.count = self.depth
+
+
+def deeper(machine: Nested) -> Machine:
+    return Nested(depth=machine.depth - 1) if machine.depth else Drive(to=1)
+
+
+class Itself(Machine):
+    """Runs itself, which it names."""
+
+    depth: int = 2
+    work = State(runs=lambda self: Itself(depth=self.depth - 1) if self.depth else Drive())
+
+
+@pytest.mark.parametrize("cls", [Chooses, Nested, Itself])
+@pytest.mark.parametrize("asked", [[], ["outer"], ["inner"]])
+@pytest.mark.usefixtures("_quiet")
+def test_what_nothing_names_is_found(cls: type[Machine], asked: list[str]) -> None:
+    name = cls.__name__
+    inner = f"{name}/Back" if cls is Chooses else f"{name}/{name}/{name}/Drive"
+    names = {"outer": name, "inner": inner}
+    suspend = [names[each] for each in asked]
+    domains: dict[str, Any] = {DOOR: DOORS} if cls is Chooses else {}
+    explored = explore(
+        cls,
+        period_ms=10,
+        sensors=domains,
+        suspend=suspend,
+        on_error="suspend",
+        properties=[reachable(lambda v: v[inner].loaded), never(lambda v: v[inner].has_failed)],
+    )
+    assert [each.holds for each in explored.verdicts] == [True, True]
+    explored = explore(cls, period_ms=10, sensors=domains, suspend=suspend, on_error="suspend")
+    read = {"door": DOORS} if cls is Chooses else {}
+    found = replayed([cls], period_ms=10, domains=read, suspend=suspend)
+    assert (explored.states, explored.transitions) == found
+
+
+def test_a_counterexample_with_what_nothing_names_runs_again() -> None:
+    space = explore(
+        Chooses,
+        period_ms=10,
+        sensors={DOOR: DOORS},
+        properties=[never(lambda v: v["Chooses/Back"].accepted)],
+    )
+    witness = space.verdicts[0].witness
+    assert witness is not None
+    last = replay(space, witness)[-1]
+    assert last["Chooses/Back"].accepted
+    assert not last["Chooses/Drive"].loaded  # which was never made
+
+
+def test_names_that_are_of_nothing_are_errors_though_not_all_is_named() -> None:
+    how: Any = {"period_ms": 10, "sensors": {DOOR: DOORS}}
+    with pytest.raises(DomainError, match="suspend names 'Chooses/Gone', which is not a machine"):
+        explore(Chooses, suspend=["Chooses/Gone"], **how)
+    with pytest.raises(UnsupportedError, match=r"abstract has 'Chooses/Gone\.x'"):
+        explore(Chooses, abstract={"Chooses/Gone.x": abs}, **how)
+    with pytest.raises(DomainError, match="sensors has a domain for 'gone', which no machine"):
+        explore(Chooses, period_ms=10, sensors={DOOR: DOORS, "gone": DOORS})
+    with pytest.raises(PredicateError, match="a slot 'Chooses/Gone'"):
+        explore(Chooses, properties=[never(lambda v: v["Chooses/Gone"].loaded)], **how)
+
+
+def test_what_runs_itself_without_end_fails_as_in_a_run() -> None:
     class Again(Machine):
         work = State(runs=lambda self: Again())
 
-    with pytest.raises(UnsupportedError, match="inside of itself"):
-        explore(Again, period_ms=10)
+    explored = explore(Again, period_ms=10, properties=[NO_FAILURE])
+    assert explored.verdicts[0].holds is False
+
+
+def test_what_is_known_by_a_name_alone_must_be_among_the_machines() -> None:
+    class Names(Machine):
+        work = State(runs="Drive")
+
+    with pytest.raises(UnsupportedError, match="work runs 'Drive', which is none of the machines"):
+        explore(Names, period_ms=10)
+    assert explore([Names, Drive], period_ms=10).complete
+
+
+def test_two_machines_of_one_name_are_refused() -> None:
+    class Twice(Machine):
+        one, two = State(runs=lambda self: MAKERS[False]()), State(runs=Drive)
+        one.to(two, when_done=True)
+
+    with pytest.raises(UnsupportedError, match="Twice/Drive is the name of what two states run"):
+        explore(Twice, period_ms=10)
 
 
 def test_one_that_could_read_sensors_as_it_is_suspended_is_refused() -> None:
