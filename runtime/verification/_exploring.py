@@ -19,6 +19,7 @@ import gc
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
@@ -44,6 +45,7 @@ from llfsm.runtime.verification.space import Progress, Space
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import Factory, OnError
+    from llfsm.runtime.engine.machine import Machine
     from llfsm.whiteboard import Slot
 
 _YOUNG = 50_000
@@ -130,50 +132,54 @@ def explore(
         raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
         raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
-    begin_s = time.monotonic()
-    made: Made = {}
+    make_system = partial(
+        System,
+        members,
+        watchers=len(watching),
+        time_model=time_model,
+        sensors=sensors or {},
+        stop=stop,
+        suspend=[suspend] if isinstance(suspend, str) else suspend,
+        by_rounds=choices == "rounds",
+        unload_accepting=unload_accepting,
+        on_error=on_error,
+        abstract=abstract or {},
+    )
+    decide = partial(
+        Decisions,
+        max_states=max_states,
+        max_seconds=max_seconds,
+        progress=progress,
+        begin_s=time.monotonic(),
+    )
+    return _learnt(make_system, decide, asked, [*watching], members)
 
-    def attempt(*, learning: bool) -> Space | None:
-        """Explore what is known; return None if that was to learn what else there is."""
-        system = System(
-            members,
-            watchers=len(watching),
-            time_model=time_model,
-            sensors=sensors or {},
-            stop=stop,
-            suspend=[suspend] if isinstance(suspend, str) else suspend,
-            by_rounds=choices == "rounds",
-            unload_accepting=unload_accepting,
-            on_error=on_error,
-            abstract=abstract or {},
-            made=made,
-            learning=learning,
-        )
-        for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
+
+def _learnt(
+    make_system: Callable[..., System],
+    decide: Callable[[System, list[Property]], Decisions],
+    asked: list[Property],
+    monitors: list[type[Machine]],
+    members: tuple[Member, ...],
+) -> Space:
+    """Explore until it is known what states run; only then decide the properties."""
+    made: Made = {}
+    learning = True
+    while True:
+        system = make_system(made=made, learning=learning)
+        for machine, name in zip(monitors, system.names[system.watchers.start :], strict=True):
             if machine.__name__ != name:
                 raise PredicateError(
                     f"monitor: another machine is called {machine.__name__}, too; rename one"
                 )
-        decisions = Decisions(
-            system,
-            [] if system.learning else asked,
-            max_states=max_states,
-            max_seconds=max_seconds,
-            progress=progress,
-            begin_s=begin_s,
-        )
-        space = _explored(system, decisions, members)
-        return None if system.learning else space
-
-    learning = True
-    while True:
+        learning = system.learning
         try:
-            space = attempt(learning=learning)
+            space = _explored(system, decide(system, [] if learning else asked), members)
         except UnknownInnerError as error:
             made.setdefault(error.place, []).append(error.cls)
             learning = True
         else:
-            if space is not None:
+            if not learning:
                 return space
             learning = False
 
