@@ -46,6 +46,7 @@ from llfsm.runtime.engine.schedule import Pacer, Timetable
 from llfsm.runtime.engine.seat import Failure, Instrument, Seat, observed_ringlet
 from llfsm.runtime.engine.statistics import Stopwatch
 from llfsm.runtime.engine.submachine import Submachine
+from llfsm.runtime.engine.table import with_inner
 from llfsm.runtime.log import logger
 
 if TYPE_CHECKING:
@@ -136,16 +137,15 @@ class Loader:
         self.classes[cls.__name__] = cls
         kernel.bind(seat)
         roster.add(seat)
-        # Last, as any thread may stop all.
-        seat.machine.stopping = seat.stopping or kernel.stop_is_seen
+        seat.machine.stopping = seat.stopping or kernel.stop_is_seen  # last: any thread may stop
         kernel.environment.loaded(seat.name, seat.path)
         return seat
 
     def reload(self, seat: Seat, cls: type[Machine]) -> None:
         """Give a seat to another definition of its machine; raise as `Control.reload`."""
-        machine = cls(**seat.variables)
-        seat.reload(machine)
-        self.classes[cls.__name__] = self._reloaded[cls.table.path] = cls
+        seat.reload(machine := cls(**seat.variables))
+        self.classes[cls.__name__] = cls
+        self._reloaded |= with_inner(cls)
         self._kernel.bind(seat)
         machine.stopping = seat.stopping or self._kernel.stop_is_seen
 

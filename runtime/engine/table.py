@@ -273,6 +273,18 @@ def run_by(runs: Runs) -> list[Any]:
     return [each for each in named if isinstance(each, type) and hasattr(each, "table")]
 
 
+def with_inner(cls: Any) -> dict[str, Any]:
+    """Map paths to a machine class and all that its states may run, as far as that is known."""
+    found: dict[str, Any] = {}
+    todo = [cls]
+    while todo:
+        each = todo.pop()
+        if each.table.path not in found:
+            found[each.table.path] = each
+            todo += [inner for s in each.table.states for runs in s.runs for inner in run_by(runs)]
+    return found
+
+
 class DrawnRuns(str):
     """The names of what a state runs, and its tables, of a machine that is drawn and not run.
 

@@ -8,9 +8,9 @@ import subprocess
 import click
 import pytest
 
-from llfsm.cli.requests import carry_out
+from llfsm.cli.requests import carry_out, fetch_why
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.llfsm import Action, request_slot, status_slot
+from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, request_slot, status_slot
 from waiting import wait_for
 
 from .conftest import MACHINES, Llfsm, rows, wait_for_line
@@ -180,3 +180,10 @@ def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, bo
             carry_out(wb, "Stays", "restart", patience_s=0.5)
         reported = wb[status_slot("Stays")]
         wait_for(lambda: reported.get().pending == "restart", "the request is reported")
+
+
+def test_the_reason_of_a_machine_that_has_just_ended_is_that() -> None:
+    board = Whiteboard.local()
+    board.add_message(status_slot("Mission/Drive"), MachineStatus("there", loaded=False))
+    with pytest.raises(click.ClickException, match="^Mission/Drive has ended$"):
+        fetch_why(board, "Mission/Drive")

@@ -35,6 +35,7 @@ from llfsm.whiteboard.messages.llfsm import (
     MachineWhy,
     SeenTransition,
     Viewer,
+    status_slot,
     why_slot,
 )
 
@@ -158,6 +159,9 @@ def fetch_why(board: Board, machine: str) -> MachineWhy:
         found = slot.wait(after=before, timeout=0.25)
         if found is not None:
             return found.message
+        status = board.get_message(status_slot(machine))
+        if status is not None and not status.loaded:  # as what a state runs does at any time
+            raise click.ClickException(f"{machine} has ended")
     raise click.ClickException(f"{machine} does not answer; see `llfsm ps`")
 
 

@@ -144,3 +144,26 @@ def test_another_name_is_looked_up_in_the_library(folder: Path) -> None:
     arrangement = Arrangement([machine], clock=ManualClock(), library={"Other": Drive})
     arrangement.round()
     assert arrangement.states() == {"Mission": "out", "Mission/Drive": "go"}
+
+
+def test_a_reload_takes_what_states_run_as_it_is_now(folder: Path) -> None:
+    def write(start: int) -> None:
+        (folder / "Drive.machine" / "Drive_Variables.py").write_text(f"turns: int = {start}\n")
+
+    def turns() -> int:
+        arrangement.round()
+        return arrangement.machine("Mission/Drive").turns  # type: ignore[attr-defined, no-any-return]
+
+    def mission() -> type[Machine]:
+        return load_bundle(folder / "Mission.machine")
+
+    arrangement = Arrangement([mission()], clock=ManualClock())
+    assert turns() == 1
+    write(-10)
+    arrangement.reload("Mission/Drive", load_bundle(folder / "Drive.machine"))
+    assert turns() == -9
+    write(-100)
+    arrangement.reload("Mission", mission())
+    assert turns() == -99
+    arrangement.restart("Mission")
+    assert turns() == -99
