@@ -185,5 +185,5 @@ def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, bo
 def test_the_reason_of_a_machine_that_has_just_ended_is_that() -> None:
     board = Whiteboard.local()
     board.add_message(status_slot("Mission/Drive"), MachineStatus("there", loaded=False))
-    with pytest.raises(click.ClickException, match="^Mission/Drive has ended$"):
+    with pytest.raises(click.ClickException, match=r"^Mission/Drive has ended$"):
         fetch_why(board, "Mission/Drive")
