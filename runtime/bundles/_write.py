@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState
+from llfsm.runtime.bundles.model import PYTHON, RUNS, Bundle, BundleState
 from llfsm.runtime.bundles.plist import layout_to_plist
 from llfsm.runtime.bundles.read import (
     HISTORY,
@@ -15,7 +15,6 @@ from llfsm.runtime.bundles.read import (
     NAME_LIMIT,
     NAME_RULE,
     NOT_FINAL,
-    RUNS,
     STATE_NAME,
     STOPS,
     SUFFIX,

@@ -7,6 +7,7 @@ run out of stack is refused with an error of its own.
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,7 @@ from llfsm.runtime.bundles.model import Fragment
 from llfsm.runtime.engine.state import DEFERRED
 from llfsm.runtime.expressions.reads import MACHINE
 
+_NAME = re.compile(r"[\w.:]+")  # of what a state runs
 _DEEPEST = 200
 _TOO_DEEP = f"it is nested more than {_DEEPEST} deep, such as by a sum of as many parts"
 
@@ -48,6 +50,28 @@ def parse_expression(fragment: Fragment) -> ast.expr:
     if not isinstance(only, ast.Expr):
         raise fragment.error("not a single expression", tree.body[0].lineno if only else 1)
     return only.value
+
+
+def parse_run(fragment: Fragment) -> tuple[str, list[ast.keyword]]:
+    """Read what a state runs: a machine's name, and values for its variables, if there are any.
+
+    Raise `BundleError` for another text.
+    """
+    text = fragment.text.strip()
+    if _NAME.fullmatch(text):
+        return text, []
+    if "(" not in text:
+        raise fragment.error(f"{text!r} is not the name of a machine", line_of(fragment))
+    match parse_expression(fragment):
+        case ast.Call(ast.Name(name), [], values) if all(each.arg for each in values):
+            return name, values
+    what = "gives no values by name, as Drive(to=goal) does"
+    raise fragment.error(f"{text!r} {what}", line_of(fragment))
+
+
+def line_of(fragment: Fragment) -> int:
+    """Count the lines up to the first that is not empty."""
+    return 1 + len(fragment.text) - len(fragment.text.lstrip("\n"))
 
 
 def label_of(fragment: Fragment) -> str:

@@ -16,12 +16,22 @@ import os
 import shlex
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Self
 
-from llfsm.runtime.bundles.code import evaluate, function_of, label_of, parse, parse_expression, run
+from llfsm.errors import did_you_mean
+from llfsm.runtime.bundles.code import (
+    evaluate,
+    function_of,
+    label_of,
+    line_of,
+    parse,
+    parse_expression,
+    parse_run,
+    run,
+)
 from llfsm.runtime.bundles.cpp import without_comments
 from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.bundles.names import (
@@ -250,9 +260,10 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     _extend_search(bundle)
     scope = LoadedScope(vars(module))
     scope.declare(bundle)
-    states = _states(bundle, load=True)
+    scopes = {each.name: scope.of_state(each) for each in bundle.states}
+    states = _states(bundle, scopes)
     for each in bundle.states:
-        _fill(states[each.name], each, states, scope.of_state(each))
+        _fill(states[each.name], each, states, scopes[each.name])
     cls = define(
         bundle.name,
         states.values(),
@@ -269,11 +280,14 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     return cls
 
 
-def _states(bundle: Bundle, *, load: bool) -> dict[str, State]:
-    """Make the states of a bundle; `load` what they run if it is a bundle beside this one."""
+def _states(bundle: Bundle, scopes: Mapping[str, LoadedScope] | None) -> dict[str, State]:
+    """Make the states of a bundle; in `scopes`, load what they run, if it is beside this one."""
     states: dict[str, State] = {}
     for each in bundle.states:
-        runs: Any = [_run_by(bundle, name) if load else name for name in each.runs]
+        runs: Any = [*each.runs]
+        if scopes is not None:
+            texts = each.run_texts(bundle.folder)
+            runs = [_run_by(bundle, text, scopes[each.name]) for text in texts]
         what: Any = (runs if len(runs) > 1 else runs[0]) if runs else None
         states[each.name] = State(
             each.name,
@@ -290,7 +304,36 @@ def _states(bundle: Bundle, *, load: bool) -> dict[str, State]:
 _LOADING: list[str] = []  # the bundles under way, of which each runs the next
 
 
-def _run_by(bundle: Bundle, name: str) -> type[Machine] | str:
+def _run_by(bundle: Bundle, fragment: Fragment, scope: LoadedScope) -> Any:
+    """Find what a state runs: a class, a name or, with values, a function that makes a machine."""
+    name, values = parse_run(fragment)
+    found: Any = _beside(bundle, name)
+    if "(" not in fragment.text:
+        return found
+    found = scope.module.get(name) if isinstance(found, str) else found
+    if not (isinstance(found, type) and issubclass(found, Machine)):
+        raise fragment.error(
+            f"{name!r} is neither a bundle beside this one nor a class that is included: only "
+            f"these can be given values",
+            line_of(fragment),
+        )
+    known = found.table.variables
+    for each in values:
+        if each.arg not in known:
+            what = f"{name} has no variable {each.arg!r}{did_you_mean(str(each.arg), known)}"
+            raise fragment.error(what, each.value.lineno)
+    hidden = f"<{name}>"  # no text can name it
+    scope.module[hidden] = found
+    given = [
+        ast.keyword(each.arg, resolve(each.value, fragment, scope.known, running=True))
+        for each in values
+    ]
+    made = ast.Call(ast.Name(hidden, ast.Load()), [], given)
+    body: list[ast.stmt] = [ast.Return(made, lineno=1, col_offset=0)]
+    return function_of("runs", body, fragment, scope.module)
+
+
+def _beside(bundle: Bundle, name: str) -> type[Machine] | str:
     """Load a bundle beside this one; leave another name for the library of the arrangement."""
     folder = None if bundle.folder is None else bundle.folder.parent / f"{name}{SUFFIX}"
     if folder is None or not folder.is_dir():
@@ -306,8 +349,12 @@ def _run_by(bundle: Bundle, name: str) -> type[Machine] | str:
 
 
 def outline_beside(bundle: Bundle, name: str) -> Table | None:
-    """Make the table of a bundle beside this one, as `outline` does; None if there is none."""
-    folder = None if bundle.folder is None else bundle.folder.parent / f"{name}{SUFFIX}"
+    """Make the table of a bundle beside this one, as `outline` does; None if there is none.
+
+    Values that it gets do not matter.
+    """
+    called = f"{name.partition('(')[0]}{SUFFIX}"
+    folder = None if bundle.folder is None else bundle.folder.parent / called
     try:
         return None if folder is None else outline(read_bundle(folder))
     except BundleError:
@@ -417,7 +464,7 @@ def outline(bundle: Bundle) -> Table:
     returns. Variables and ports are left out. Raise `BundleError` for Python that cannot be parsed.
     """
     python = bundle.language == PYTHON
-    states = _states(bundle, load=False)
+    states = _states(bundle, None)
     for each in bundle.states:
         state = states[each.name]
         for name, fragment in each.sections.items():

@@ -18,6 +18,10 @@ CLASS = "class"
 """The language of a machine class that is only looked at as a bundle."""
 
 
+RUNS = "Runs"
+"""The end of the name of a file that names what a state runs."""
+
+
 @dataclass(frozen=True)
 class Fragment:
     """A text of a bundle, with lines that end in ``\\n``, and the file that contains it."""
@@ -56,7 +60,10 @@ class BundleState:
     final: bool = True
     """False if a machine goes on in it, though it has no transitions."""
     runs: tuple[str, ...] = ()
-    """The names of what it runs: of bundles beside this one, or of other machines."""
+    """What it runs, by name: bundles beside this one, or other machines.
+
+    A bundle, or an included class, may get values for its variables, as in ``Drive(to=goal)``.
+    """
     history: bool = False
     """True if what it runs goes on when it is entered again."""
     in_place: bool = False
@@ -68,6 +75,11 @@ class BundleState:
     def accepting(self) -> bool:
         """True if a machine ends after a turn in the state."""
         return self.final and not self.transitions
+
+    def run_texts(self, folder: Path | None) -> list[Fragment]:
+        """Return what it runs, each as a text of the bundle's file, on its line of that."""
+        file = None if folder is None else folder / f"State_{self.name}_{RUNS}"
+        return [Fragment("\n" * line + text, file) for line, text in enumerate(self.runs)]
 
     @property
     def declarations(self) -> dict[str, Fragment]:

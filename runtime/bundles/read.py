@@ -13,8 +13,16 @@ from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 
+from llfsm.runtime.bundles.code import parse_run
 from llfsm.runtime.bundles.cpp import suspend_state, targets
-from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
+from llfsm.runtime.bundles.model import (
+    PYTHON,
+    RUNS,
+    Bundle,
+    BundleState,
+    BundleTransition,
+    Fragment,
+)
 from llfsm.runtime.bundles.plist import read_layout
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.state import SECTIONS
@@ -48,7 +56,6 @@ _PYTHON_FILES = (".py",)
 _CODE_FILES = (".mm", ".cpp", ".cc", ".cxx", ".m", ".c")
 _HEADER_FILES = (".h", ".hpp", ".hh")
 _CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
-RUN = re.compile(r"[\w.:]+")
 _TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOTALL)
 DECLARATIONS = ("Variables", "Includes", "Methods")
 PARTS = (*SECTIONS, *DECLARATIONS)
@@ -56,11 +63,10 @@ PARTS = (*SECTIONS, *DECLARATIONS)
 NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
 # Not __proto__ and its like, which mean something else in Python and in browsers.
 STATE_NAME = re.compile(rf"(?!__.*__\Z)[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
-NOT_FINAL, RUNS, HISTORY = "NotFinal", "Runs", "History"
+NOT_FINAL, HISTORY = "NotFinal", "History"
 IN_PLACE, STOPS = "ResumeInPlace", "ClockStops"
 MARKS = NOT_FINAL, RUNS, HISTORY, IN_PLACE, STOPS
 """The ends of the names of a state's files that have no code."""
-"""The part of a state that is there if a machine goes on in it, though it has no transitions."""
 NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}, and not __ at both ends"
 
 
@@ -155,8 +161,8 @@ class Reader:
         listed = self.text(f"{stem}_{RUNS}")
         if listed is not None:
             for line, text in enumerate(listed.text.splitlines(), 1):
-                if text.strip() and not RUN.fullmatch(text.strip()):
-                    raise listed.error(f"{text.strip()!r} is not the name of a machine", line)
+                if text.strip():
+                    parse_run(Fragment("\n" * (line - 1) + text.strip(), listed.file))
             return tuple(line.strip() for line in listed.text.splitlines() if line.strip())
         if self.exists(f"{stem}_{RUNS}"):
             raise BundleError(

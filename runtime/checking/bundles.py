@@ -26,7 +26,7 @@ from llfsm.runtime.bundles import (
     Fragment,
     compile_bundle,
 )
-from llfsm.runtime.bundles.code import parse, parse_expression
+from llfsm.runtime.bundles.code import parse, parse_expression, parse_run
 from llfsm.runtime.bundles.compiling import CONTROLS, ENDS, Scope, require_own_files
 from llfsm.runtime.bundles.names import (
     UNTRANSLATED,
@@ -308,6 +308,8 @@ class _Checker:
             for fragment in state.sections.values():
                 if code := self.code(fragment, within):
                     self.result.sections.append(code)
+            for fragment in state.run_texts(bundle.folder):
+                self.result.sections += self.given(fragment, within)
             transitions = [
                 self.transition(each, within, f"State_{state.name}_Transition_{number}", state)
                 for number, each in enumerate(state.transitions)
@@ -335,6 +337,17 @@ class _Checker:
             return CheckedTransition(source.target, place, None)
         guard = self.code(fragment, scope, expression=True)
         return CheckedTransition(source.target, place, guard.truth if guard else None, guard)
+
+    def given(self, fragment: Fragment, scope: _CheckedScope) -> Iterator[Code]:
+        """Read the values that a machine gets which a state runs."""
+        try:
+            name, values = parse_run(fragment)
+        except BundleError:  # as which loading reports it
+            return
+        if values:  # `dict` stands for the machine, which is none of the names of the code
+            text = fragment.text.replace(name, "dict", 1)
+            if code := self.code(Fragment(text, fragment.file), scope, expression=True):
+                yield code
 
     def scope(self, source: Bundle | BundleState, within: _CheckedScope | None) -> _CheckedScope:
         """Make the scope of the code of `source`."""

@@ -15,13 +15,15 @@ import importlib.util
 import os
 import sys
 import sysconfig
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
+from llfsm.runtime.bundles.code import parse_run
 from llfsm.runtime.bundles.compiling import CONTROLS
 from llfsm.runtime.bundles.read import NAME_RULE, STATE_NAME
 from llfsm.runtime.converting.class_files import class_file, class_layout
@@ -29,8 +31,8 @@ from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.engine.errors import BundleError, DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
-from llfsm.runtime.engine.state import State, Transition
-from llfsm.runtime.engine.table import run_names
+from llfsm.runtime.engine.state import Runs, State, Transition
+from llfsm.runtime.engine.table import run_by
 from llfsm.runtime.expressions.reads import all_parameters, bound_names, header_of
 
 if TYPE_CHECKING:
@@ -148,6 +150,7 @@ class FunctionTexts:
         self.called: set[str] = set()
         self.written: set[str] = set()
         self._known = names | CONTROLS.keys()
+        self._not_imported: Container[str] = ()
         self._module = vars(sys.modules[cls.__module__])
 
     def declaration(self, file: Path, whole: ast.stmt, part: ast.stmt | ast.expr) -> str:
@@ -194,8 +197,14 @@ class FunctionTexts:
         text.indent(node.lineno, last, -node.col_offset)
         return text.text(text.line_start(node.lineno), text.line_start(last + 1)).rstrip() + "\n"
 
-    def expression(self, guard: Any, what: str, line: int, *, is_alone: bool) -> str | None:
-        """Return the text of a guard's only expression; None if it has other statements, too."""
+    def expression(
+        self, guard: Any, what: str, line: int, *, is_alone: bool, but: Container[str] = ()
+    ) -> str | None:
+        """Return the text of a guard's only expression; None if it has other statements, too.
+
+        Names in `but` are not imported.
+        """
+        self._not_imported = but
         function, node, text, file = self._read(guard, what, line)
         if isinstance(node, ast.Lambda):
             value = node.body
@@ -295,7 +304,7 @@ class FunctionTexts:
                             raise refusal(text_of, file, each.lineno)
                         self.called.add(attribute)
             for name in _loaded(part):
-                if name.id == machine or name.id in hidden:
+                if name.id == machine or name.id in hidden or name.id in self._not_imported:
                     continue
                 if name.id in self._known:
                     raise refusal(_TWICE.format(name.id), file, name.lineno)
@@ -475,22 +484,35 @@ class _Converter:
             for section, code in state.sections.items()
         }
         transitions = tuple(self._transition(each) for each in state.transitions)
-        for runs in state.runs:
-            if not isinstance(runs, str | type):
-                raise self.refused(
-                    f"{state.name} runs a machine that a function makes: a bundle can only name "
-                    f"one; make a class of it that has the values"
-                )
         return BundleState(
             state.name,
             sections,
             transitions,
             final=state.final,
-            runs=tuple(run_names(state)),
+            runs=tuple(map(self._run, state.runs, repeat(state.name))),
             history=state.history,
             in_place=state.resume == "in_place",
             clock_stops=state.clock == "stops",
         )
+
+    def _run(self, runs: Runs, state: str) -> str:
+        """Write what a state runs: a name, and the values that a function gives it."""
+        if isinstance(runs, str | type):
+            return runs if isinstance(runs, str) else runs.__name__
+        what = f"the function that makes what {state} runs"
+        named = {cls.__name__ for cls in run_by(runs)}
+        text = self.texts.expression(runs, what, self.line, is_alone=True, but=named)
+        try:
+            name, _ = parse_run(Fragment(ast.unparse(ast.parse(text or "", mode="eval"))))
+        except (BundleError, SyntaxError):
+            name = ""
+        if text is None or name not in named:
+            raise self.refused(
+                f"{what} does more than to give values by name, as Drive(to=self.goal) does; put "
+                f"it into a state of its own",
+                runs.__code__.co_firstlineno,
+            )
+        return " ".join(text.split()) if "\n" in text else text
 
     def _transition(self, transition: Transition) -> BundleTransition:
         parts = [transition.timed] if transition.timed else []

@@ -18,7 +18,7 @@ from os.path import abspath
 from pathlib import Path
 
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
-from llfsm.runtime.bundles.code import label_of, parse, parse_expression
+from llfsm.runtime.bundles.code import label_of, parse, parse_expression, parse_run
 from llfsm.runtime.bundles.compiling import ENDS, Scope, first_wait
 from llfsm.runtime.bundles.names import Known, included_names, resolve, resolve_method
 from llfsm.runtime.converting.class_files import module_name
@@ -86,6 +86,11 @@ class _Writer:
     def __init__(self, bundle: Bundle, folder: Path):
         self.bundle = bundle
         self._check_search(folder)
+        given = {
+            text.partition("(")[0] for state in bundle.states for text in state.runs if "(" in text
+        }
+        self.beside = {name for name in given if (folder / f"{module_name(name)}.py").is_file()}
+        """The classes beside this one to which it gives values."""
         self.scope = _TextScope()
         self.scope.declare(bundle)
         self.of_states = {}
@@ -104,7 +109,8 @@ class _Writer:
             for each in scope.names.values()
             if each.attribute not in running or each.variable
         ]
-        taken = {*dir(Machine), "table", "self", "_", bundle.name, *self.included}
+        self.beside -= self.included
+        taken = {*dir(Machine), "table", "self", "_", bundle.name, *self.included, *self.beside}
         taken |= {name for name in attributes if "." not in name}
         self.attributes: dict[str, str] = {}  # of what states declare, by STATE.NAME
         for name in sorted({name for name in attributes if "." in name}):
@@ -171,7 +177,9 @@ class _Writer:
             name if name == called else f"{name} as {called}"
             for name, called in (("Machine", self.machine), ("State", self.state))
         ]
-        parts.append(f"from llfsm.runtime import {', '.join(wanted)}\n\n")
+        parts.append(f"from llfsm.runtime import {', '.join(wanted)}\n")
+        parts += [f"from {module_name(name)} import {name}\n" for name in sorted(self.beside)]
+        parts.append("\n")
         if "__all__" not in self.included:
             parts.append(f'__all__ = ["{bundle.name}"]\n')
         body = [_indented_doc(doc)] if doc else []
@@ -227,12 +235,26 @@ class _Writer:
             given = [repr(state.name)] if attribute != state.name else []
             given += ["suspend=True"] if state.name == self.bundle.suspend else []
             given += [] if state.final else ["final=False"]
-            runs = ", ".join(repr(name) for name in state.runs)
+            runs = ", ".join(self._run(text, state) for text in state.run_texts(self.bundle.folder))
             given += [f"runs={runs}" if len(state.runs) == 1 else f"runs=[{runs}]"] if runs else []
             given += ["history=True"] if state.history else []
             given += ['resume="in_place"'] if state.in_place else []
             given += ['clock="stops"'] if state.clock_stops else []
             yield f"{attribute} = {self.state}({', '.join(given)})"
+
+    def _run(self, fragment: Fragment, state: BundleState) -> str:
+        """Write what a state runs: a name, or a function that gives values."""
+        name, values = parse_run(fragment)
+        if "(" not in fragment.text:
+            return repr(name)
+        if name not in self.included and name not in self.beside:
+            what = f"a class can only give values to a class: make one of {name} first"
+            raise fragment.error(f"{what}, in {module_name(name)}.py beside it")
+        text = EditedText(fragment.text)
+        for each in values:
+            known = self.of_states[state.name].known
+            text.replace_names(resolve(each.value, fragment, known, running=True), self._attribute)
+        return f"lambda self: {text.text(0).strip()}"
 
     def _methods(self, fragment: Fragment | None, scope: _TextScope) -> Iterator[str]:
         if fragment is None:

@@ -13,8 +13,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from operator import delitem
 from typing import TypeAlias
 
+from llfsm.runtime.bundles.code import parse_run
+from llfsm.runtime.bundles.model import RUNS, Fragment
 from llfsm.runtime.bundles.plist import described_path
-from llfsm.runtime.bundles.read import HISTORY, NOT_FINAL, RUN, RUNS
+from llfsm.runtime.bundles.read import HISTORY, NOT_FINAL
 from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.editing._draft import CodeEdit, Draft
 from llfsm.runtime.editing._layout_edits import (
@@ -29,6 +31,7 @@ from llfsm.runtime.editing._layout_edits import (
 from llfsm.runtime.editing.errors import EditError
 from llfsm.runtime.editing.sketch import path_between, placed_boxes
 from llfsm.runtime.editing.text_edits import text_of
+from llfsm.runtime.engine.errors import BundleError
 
 _VARIABLE = "state_name"
 
@@ -293,8 +296,10 @@ class SetRuns(CodeEdit, frozen=True, tag="set runs"):
 
     def _change(self, draft: Draft) -> None:
         for name in self.runs:
-            if not RUN.fullmatch(name):
-                raise EditError(f"{name!r} is not the name of a machine")
+            try:
+                parse_run(Fragment(name))
+            except BundleError as error:
+                raise EditError(str(error)) from None
         stem = f"State_{draft.state(self.state).name}"
         text = "".join(f"{name}\n" for name in self.runs)
         draft.put(f"{stem}_{RUNS}", text.encode() or None)

@@ -17,6 +17,19 @@ const HINTS = {
   Methods: "def far(x: float) -> bool: ...",
 };
 
+// The parts of a text between commas, and between blanks, but for those in parentheses.
+function parts(text) {
+  const found = [""];
+  let depth = 0;
+  for (const char of text) {
+    if (char === "(") depth += 1;
+    if (char === ")") depth -= 1;
+    if (depth <= 0 && /[\s,]/.test(char)) found.push("");
+    else found[found.length - 1] += char;
+  }
+  return found.filter(Boolean);
+}
+
 export class Inspector {
   constructor(machine, editor) {
     this.machine = machine;
@@ -123,7 +136,7 @@ export class Inspector {
     });
     input.disabled = !data.editable;
     input.addEventListener("change", async () => {
-      const names = input.value.split(/[\s,]+/).filter(Boolean);
+      const names = parts(input.value);
       if (!(await this.editor.setRuns(state, names))) input.value = runs.join(", ");
     });
     input.addEventListener("keydown", (event) => {

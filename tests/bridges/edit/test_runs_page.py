@@ -57,6 +57,11 @@ def test_a_machine_is_dragged_into_a_state_and_named_there(
     wait_for(lambda: runs(mission)["Work"] == (("Arm", "Base"), True), "they go on later")
     expect(page.get_by_role("button", name="History")).to_have_attribute("aria-pressed", "true")
 
+    page.locator("#runs").fill("Arm(to=max(1, 2), by=3) Base")
+    page.keyboard.press("Enter")
+    given = ("Arm(to=max(1, 2), by=3)", "Base")
+    wait_for(lambda: runs(mission)["Work"] == (given, True), "it gives values")
+    expect(page.locator("#runs")).to_have_value("Arm(to=max(1, 2), by=3), Base")
     page.locator("#runs").fill("no name")
     page.keyboard.press("Enter")
     wait_for(lambda: runs(mission)["Work"] == (("no", "name"), True), "names are not looked up")

@@ -10,7 +10,9 @@ from llfsm.runtime import Arrangement, BundleError, Machine, ManualClock, State
 from llfsm.runtime.bundles import load_bundle, outline, read_bundle, write_bundle
 from llfsm.runtime.checking import check_bundle, check_class
 from llfsm.runtime.converting import write_converted
+from llfsm.runtime.drawing import arrange, to_svg
 from llfsm.runtime.engine.table import run_names
+from llfsm.runtime.verification import reachable, verify
 
 TEXTS = {
     "Drive.machine": {
@@ -167,3 +169,91 @@ def test_a_reload_takes_what_states_run_as_it_is_now(folder: Path) -> None:
     assert turns() == -99
     arrangement.restart("Mission")
     assert turns() == -99
+
+
+class Gives(Machine):
+    start: int = 1
+    out = State(runs=lambda self: Drive(turns=self.start + 1))
+    home = State()
+    out.to(home, when_done=True)
+
+
+def gives(folder: Path, text: str, more: str = "") -> Path:
+    """Let the bundle's first state run that."""
+    mission = folder / "Mission.machine"
+    (mission / "State_out_Runs").write_text(text)
+    (mission / "Mission_Variables.py").write_text(f"far: int = 0\nstart: int = 1\n{more}")
+    return mission
+
+
+def test_a_bundle_gives_values_as_its_class_does(folder: Path) -> None:
+    mission = gives(folder, "Drive(turns=start + 1)\n")
+    machine = load_bundle(mission)
+    arrangement = Arrangement([machine(start=0)], clock=ManualClock())
+    arrangement.round()
+    assert arrangement.machine("Mission/Drive").turns == 2  # type: ignore[attr-defined]
+    assert check_bundle(mission) == []  # `start` is used
+    assert read_bundle(mission).states[0].runs == ("Drive(turns=start + 1)",)
+    drawn = to_svg(arrange(outline(read_bundle(mission)), unfold={"Drive": Drive.table}.get))
+    assert "Drive(turns=start + 1)" in drawn
+    verify(machine, reachable(lambda v: v["Mission/Drive"].turns == 2), period_ms=10)
+
+
+def test_a_class_that_gives_values_is_converted_and_back(tmp_path: Path) -> None:
+    for cls in (Drive, Gives):
+        write_converted(cls, tmp_path)
+        (tmp_path / f"{cls.__name__}.machine" / "IncludePath").unlink()
+    assert (tmp_path / "Gives.machine" / "State_out_Runs").read_text() == "Drive(turns=start + 1)\n"
+    assert "import" not in (tmp_path / "Gives.machine" / "States").read_text()
+    assert not (tmp_path / "Gives.machine" / "Gives_Includes.py").exists()
+    assert ran(load_bundle(tmp_path / "Gives.machine")) == ran(Gives)
+    with pytest.raises(BundleError, match=r"make one of Drive first, in drive\.py beside it"):
+        write_converted(tmp_path / "Gives.machine", tmp_path)
+    write_converted(tmp_path / "Drive.machine", tmp_path)
+    text = write_converted(tmp_path / "Gives.machine", tmp_path).read_text()
+    assert "from drive import Drive\n" in text
+    assert "out = State(runs=lambda self: Drive(turns=self.start + 1))" in text
+
+
+def test_an_included_class_gets_values_too(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text(
+        "from llfsm.runtime import Machine, State\n\n"
+        "class Turn(Machine):\n    to: float\n    go = State(final=False)\n"
+    )
+    mission = gives(folder, "Turn(to=1.5 * start)\n")
+    (mission / "Mission_Includes.py").write_text("from parts import Turn\n")
+    (mission / "IncludePath").write_text("..\n")
+    arrangement = Arrangement([load_bundle(mission)], clock=ManualClock())
+    arrangement.round()
+    assert arrangement.machine("Mission/Turn").to == 1.5  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("Drive(3)", r"Runs:2: 'Drive\(3\)' gives no values by name, as Drive\(to=goal\) does"),
+        ("Drive(**start)", r"Runs:2: .* gives no values by name"),
+        ("Drive(turns=1)()", r"Runs:2: .* gives no values by name"),
+        ("Drive(turns=", r"Runs:2: SyntaxError"),
+        ("Drive(turn=1)", r"Runs:2: Drive has no variable 'turn'; did you mean 'turns'\?"),
+        ("Drive(turns=begin)", r"Runs:2: nothing is called 'begin'"),
+        ("Gone(turns=1)", r"Runs:2: 'Gone' is neither a bundle beside this one nor a class"),
+    ],
+)
+def test_what_gives_no_values_is_refused(folder: Path, text: str, what: str) -> None:
+    mission = gives(folder, f"Drive\n{text}\n")
+    with pytest.raises(BundleError, match=what):
+        load_bundle(mission)
+    assert [each for each in check_bundle(mission) if each.severity == "error"]
+
+
+class Chooses(Machine):
+    start: int = 1
+    out = State(runs=lambda self: Drive(turns=1) if self.start else Gives())
+    home = State()
+    out.to(home, when_done=True)
+
+
+def test_a_function_that_does_more_is_no_bundle(tmp_path: Path) -> None:
+    with pytest.raises(BundleError, match="the function that makes what out runs does more than"):
+        write_converted(Chooses, tmp_path)
