@@ -10,7 +10,7 @@ static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where
 
 /* In addition to enum lwb_status. */
 enum { CLOSED = -1, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5,
-       RETIRED = -6 };
+       RETIRED = -6, TRUNCATED = -7 };
 
 /* Raise the Python error for a status, unless one is set already because making `detail` failed.
  * Steals `detail`, which may be NULL. Returns NULL. */
@@ -67,6 +67,7 @@ static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
     Board *self = (Board *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
+    lwb_catch_truncation();
     self->board = (struct lwb_board){.fd = -1, .writer = -1};
     self->path = Py_NewRef(path);
     PyObject *bytes = NULL;
@@ -92,9 +93,11 @@ static void board_dealloc(Board *self)
 
 static bool is_open(Board *self, PyObject *where)
 {
-    if (self->closed)
-        fail(CLOSED, where, NULL);
-    return !self->closed;
+    if (self->closed || lwb_is_lost(&self->board)) {
+        fail(self->closed ? CLOSED : TRUNCATED, where, NULL);
+        return false;
+    }
+    return true;
 }
 
 static void board_leave(Board *self)

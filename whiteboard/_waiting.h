@@ -46,7 +46,8 @@ static PyObject *port_await(Port *self, PyObject *args, PyObject *kwargs, PyCFun
         Py_DECREF(what);
         if (over)
             Py_RETURN_NONE;
-        if (!self->board->closed && !lwb_linked(&self->board->board))
+        if (!self->board->closed && !lwb_is_lost(&self->board->board) &&
+            !lwb_linked(&self->board->board))
             return fail(REMOVED, self->name, NULL); /* no new process can open it and add */
     }
     return NULL;
@@ -156,7 +157,8 @@ static PyObject *wait_for_any(struct wait *self, PyObject *seen, double seconds,
             PyByteArray_AsString(woken)[0] = 0;
             return list;
         }
-        if (slept && !lwb_linked(&self->board->board)) { /* no new process can open it and add */
+        if (slept && !lwb_is_lost(&self->board->board) &&
+            !lwb_linked(&self->board->board)) { /* no new process can open it and add */
             Py_DECREF(list);
             return fail(REMOVED, self->board->path, NULL);
         }

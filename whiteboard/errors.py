@@ -195,6 +195,7 @@ def name_fields(kind: type, cause: object) -> str:
 
 
 _PLAIN: dict[int, tuple[type[WhiteboardError], str]] = {  # of `raise_status`, by the status
+    -7: (BoardCorruptError, "{}: the file of this whiteboard was truncated: what it held is lost"),
     -6: (SlotRetiredError, "slot {!r}: this handle was retired and adds no more"),
     -5: (BoardClosedError, "{}: this whiteboard was removed"),
     -1: (BoardClosedError, "{}: this whiteboard was closed"),

@@ -8,8 +8,9 @@
  *   3. A slot's count grows by exactly one for each completed add.
  *   4. A process that is killed or stopped anywhere loses at most the message it was writing, and
  *      leaves nothing that another process has to clean up.
- *   5. A damaged file results in LWB_CORRUPT, never in an access outside the mapping. (Truncating
- *      a file while it is open cannot be caught: that is SIGBUS, as with any mapping.)
+ *   5. A damaged file results in LWB_CORRUPT, never in an access outside the mapping. So does one
+ *      that is truncated while it is open, if the program has called lwb_catch_truncation; else the
+ *      next access ends it by SIGBUS, as with any mapping.
  *   6. A name that was given up (lwb_vacate) makes room for another one of the same type. No handle
  *      ever gets or adds a message under another name than its own: it returns LWB_RENAMED.
  *
@@ -178,8 +179,8 @@ struct lwb_board {
     uint64_t size;                    /* bytes of the file known to exist */
     uint64_t mapped;                  /* bytes of the newest mapping */
     unsigned char *map;               /* the newest mapping */
-    struct { void *at; size_t length; } maps[32]; /* all mappings: pointers into older ones
-                                       * stay valid. Each is twice the last, so 32 suffice */
+    struct { void *at; size_t length; int guard; } maps[32]; /* all mappings: pointers into older
+                                       * ones stay valid. Each is twice the last, so 32 suffice */
     int map_count;
     int writer;                       /* this process's writer id, or -1 */
     uint64_t process;                 /* this process's id, as in its messages */
@@ -293,13 +294,94 @@ static inline struct lwb_buffer *lwb_buffer_at(struct lwb_block *b, unsigned i, 
     return (struct lwb_buffer *)((unsigned char *)b + lwb_round(sizeof *b, 64) + i * stride);
 }
 
+/* ---- Truncated files -------------------------------------------------------------------------
+ * Whoever may write to the file may truncate it. An access to what is gone is a SIGBUS, which ends the
+ * program, and with it, perhaps, what would have stopped a robot. So the handler puts empty memory, of
+ * this process alone, in the place of the whole mapping, and marks that: the access under way finds
+ * zeros, and all that follows LWB_CORRUPT. A fault anywhere else is left to who handled it before. */
+
+enum { LWB_GUARDED = 256 }; /* mappings of this program; the access to more of them ends it */
+
+static struct { lwb_atomic64 at, length; lwb_atomic32 lost; } lwb_guards[LWB_GUARDED];
+static lwb_atomic32 lwb_losses;
+static struct sigaction lwb_before;
+
+static inline void lwb_on_fault(int number, siginfo_t *info, void *context)
+{
+    (void)context;
+    uint64_t fault = (uint64_t)(uintptr_t)info->si_addr;
+    int saved = errno;
+    for (int i = 0; info->si_code > 0 && i < LWB_GUARDED; i++) {
+        uint64_t at = atomic_load_explicit(&lwb_guards[i].at, memory_order_acquire);
+        uint64_t length = atomic_load_explicit(&lwb_guards[i].length, memory_order_relaxed);
+        if (at < 2 || fault < at || fault - at >= length)
+            continue;
+        atomic_store(&lwb_guards[i].lost, 1);
+        atomic_store(&lwb_losses, 1);
+        if (mmap((void *)(uintptr_t)at, length, PROT_READ | PROT_WRITE,
+                 MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0) != MAP_FAILED) {
+            errno = saved;
+            return;
+        }
+    }
+    sigaction(SIGBUS, &lwb_before, NULL); /* the access is made again, and goes there */
+    if (info->si_code <= 0)
+        raise(number); /* as it was sent by somebody */
+    errno = saved;
+}
+
+/* Let a truncated file result in LWB_CORRUPT, by a handler of SIGBUS; again after another was set. */
+static inline void lwb_catch_truncation(void)
+{
+    struct sigaction action = LWB_ZERO, now;
+    action.sa_sigaction = lwb_on_fault;
+    action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+    sigemptyset(&action.sa_mask);
+    if (sigaction(SIGBUS, NULL, &now) ||
+        (now.sa_flags & SA_SIGINFO && now.sa_sigaction == lwb_on_fault))
+        return;
+    lwb_before = now;
+    sigaction(SIGBUS, &action, NULL);
+}
+
+static inline int lwb_guard(void *map, size_t length) /* returns its index, or -1 without room */
+{
+    for (int i = 0; i < LWB_GUARDED; i++) {
+        uint64_t none = 0;
+        if (atomic_compare_exchange_strong(&lwb_guards[i].at, &none, 1)) { /* taken, not yet ready */
+            atomic_store(&lwb_guards[i].lost, 0);
+            atomic_store(&lwb_guards[i].length, length);
+            atomic_store_explicit(&lwb_guards[i].at, (uint64_t)(uintptr_t)map,
+                                  memory_order_release);
+            return i;
+        }
+    }
+    return -1;
+}
+
+/* True if the file was truncated, and this program has come upon that. */
+static inline bool lwb_is_lost(const struct lwb_board *b)
+{
+    if (!atomic_load_explicit(&lwb_losses, memory_order_relaxed))
+        return false;
+    for (int i = 0; i < b->map_count; i++)
+        if (b->maps[i].guard >= 0 && atomic_load(&lwb_guards[b->maps[i].guard].lost))
+            return true;
+    return false;
+}
+
+static inline int lwb_if_kept(const struct lwb_board *b, int status)
+{
+    return lwb_is_lost(b) ? LWB_CORRUPT : status;
+}
+
 /* The address of a range, or NULL. Every offset read from the file is checked here. The mapping
  * may extend beyond the file, so the file's size is compared. Sets errno to 0 unless a system
  * call failed, so that lwb_why can distinguish a damaged file from a lack of memory. */
 static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
 {
     errno = 0;
-    if (offset % 8 || offset > LWB_FURTHEST)
+    if (offset % 8 || offset > LWB_FURTHEST || lwb_is_lost(b))
         return NULL;
     uint64_t end = offset + length;
     if (end > b->size) {
@@ -313,6 +395,7 @@ static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
         void *map = mmap(NULL, want, PROT_READ | PROT_WRITE, MAP_SHARED, b->fd, 0);
         if (map == MAP_FAILED)
             return NULL;
+        b->maps[b->map_count].guard = lwb_guard(map, want);
         b->maps[b->map_count].at = map;
         b->maps[b->map_count++].length = want;
         b->map = (unsigned char *)map;
@@ -347,6 +430,8 @@ static inline int lwb_reserve(int fd, uint64_t offset, uint64_t length)
 /* Allocate space for a record. A process that dies between the two steps leaves an unused gap. */
 static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *offset, void **at)
 {
+    if (lwb_is_lost(b)) /* what is reserved would be of no use, and in the file */
+        return LWB_CORRUPT;
     length = lwb_round(length, 64);
     *offset = atomic_fetch_add(&lwb_head(b)->end, length);
     int status = *offset + length > LWB_FURTHEST ? LWB_NO_SPACE
@@ -524,8 +609,11 @@ static inline void lwb_reset(struct lwb_board *b) /* to the state of a closed bo
 static inline void lwb_close(struct lwb_board *b)
 {
     int saved = errno;
-    for (int i = 0; i < b->map_count; i++)
+    for (int i = 0; i < b->map_count; i++) {
+        if (b->maps[i].guard >= 0)
+            atomic_store(&lwb_guards[b->maps[i].guard].at, 0);
         munmap(b->maps[i].at, b->maps[i].length);
+    }
     if (b->same)
         munmap((void *)b->same, 4096);
     if (b->fd >= 0)
@@ -658,7 +746,7 @@ static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
 static inline bool lwb_linked(const struct lwb_board *b)
 {
     struct stat st;
-    return b->fd >= 0 && !fstat(b->fd, &st) && st.st_nlink > 0;
+    return b->fd >= 0 && !lwb_is_lost(b) && !fstat(b->fd, &st) && st.st_nlink > 0;
 }
 
 /* True if this file is also open in another struct lwb_board, in this process or another one. */
@@ -1076,7 +1164,7 @@ static inline int lwb_keep_own(struct lwb_slot *s)
 /* Reserve what this process needs to add to the slot: adds need no more memory after that. */
 static inline int lwb_make_ready(struct lwb_slot *s)
 {
-    return lwb_keeps_name(s) ? lwb_keep_own(s) : LWB_RENAMED;
+    return lwb_if_kept(s->board, lwb_keeps_name(s) ? lwb_keep_own(s) : LWB_RENAMED);
 }
 
 /* Wake the waiting processes, after the swap. `waiting` becomes even and a new number, so a process
@@ -1169,7 +1257,7 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
         if (!lwb_keeps_name(s))
-            return LWB_RENAMED; /* the buffer stays unused: the word does not name it */
+            return lwb_if_kept(b, LWB_RENAMED); /* the buffer stays unused: the word does not name it */
         if (after != LWB_ANY && lwb_number_of(s, word) != after)
             return LWB_PASSED;
         mine = (lwb_count_of(word) + 1) << 16 | place;
@@ -1183,7 +1271,7 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     if (count)
         *count = lwb_number_of(s, mine);
     lwb_wake(s);
-    return LWB_OK;
+    return lwb_if_kept(b, LWB_OK);
 }
 
 /* Add a message. Never blocks. */
@@ -1203,11 +1291,11 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
         uint64_t word = lwb_word(s);
         unsigned writer = lwb_writer_of(word), index = lwb_buffer_of(word);
         if (lwb_is_renamed(s))
-            return LWB_RENAMED;
+            return lwb_if_kept(s->board, LWB_RENAMED);
         meta->word = word;
         meta->count = lwb_number_of(s, word);
         if (!meta->count)
-            return LWB_EMPTY;
+            return lwb_if_kept(s->board, LWB_EMPTY);
         if (writer >= LWB_MAX_WRITERS || index >= LWB_BUFFERS)
             return LWB_CORRUPT;
         struct lwb_block *block = s->seen[writer];
@@ -1236,7 +1324,7 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
         }
         atomic_thread_fence(memory_order_acquire);
         if (atomic_load_explicit(&buffer->count, memory_order_relaxed) == lwb_count_of(word))
-            return meta->length <= s->capacity ? LWB_OK : LWB_CORRUPT;
+            return meta->length <= s->capacity ? lwb_if_kept(s->board, LWB_OK) : LWB_CORRUPT;
         /* The owner only overwrites a buffer that the word does not name. So if the word is still
          * the same, the buffer is damaged, and starting again would never end. The fence pairs
          * with the owner's release of the count that was just read. */
