@@ -46,7 +46,8 @@ help:
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, a fleet of 32, a hostile host, killed"
 	@echo "               machines, a hundred thousand of all that comes and goes, states beside SPIN: an hour"
-	@echo "make fuzz      damaged boards, messages, recordings and files for 20 minutes (MINUTES=...),"
+	@echo "make fuzz      a board that is changed while it is used, for 30 minutes (1.5 times MINUTES=...);"
+	@echo "               damaged boards, messages, recordings and files, for 20 minutes;"
 	@echo "               then all tests of hypothesis with twenty times as many examples"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make wheel     build the wheels and test ours on each Python of this machine"
@@ -128,6 +129,8 @@ sanitize: sanitized
 	$(SANITIZED)/thread threads $(SANITIZE_SECONDS)
 	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/names.c -o $(SANITIZED)/address
 	$(SANITIZED)/address processes $(SANITIZE_SECONDS)
+	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/hostile.c -o $(SANITIZED)/address
+	ASAN_OPTIONS=detect_leaks=0 $(SANITIZED)/address $(SANITIZE_SECONDS)
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
@@ -152,6 +155,8 @@ sanitized: $(VENV)/.ready-test
 
 MINUTES ?= 20
 fuzz: sanitized
+	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/hostile.c -o $(SANITIZED)/address
+	ASAN_OPTIONS=detect_leaks=0 $(SANITIZED)/address $$(($(MINUTES) * 90))
 	$(UNDER_ASAN) PYTHONPATH=$(SANITIZED)/site:tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES)
 	LLFSM_EXAMPLES=20 $(TEST) -m hypothesis --timeout 3600
 

@@ -49,6 +49,17 @@ def run(scenario: str, board: str, amount: int) -> None:
 
 
 @pytest.mark.compiler
+def test_a_board_that_is_changed_while_it_is_used_harms_nobody(tmp_path: Path) -> None:
+    program = tmp_path / "hostile"
+    command = ["cc", "-std=c11", "-O1", "-pthread", f"-I{INCLUDE}", "-o", str(program)]
+    subprocess.run([*command, str(PROCESSES.with_name("hostile.c"))], check=True)
+    seconds = str(max(2, round(2 * SCALE)))
+    done = subprocess.run([program, seconds, SEED], text=True, capture_output=True, check=False)
+    print(done.stdout)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.compiler
 def test_names_come_and_go_while_processes_are_killed(tmp_path: Path) -> None:
     program = tmp_path / "names"
     command = ["cc", "-std=c11", "-O1", "-pthread", f"-I{INCLUDE}", "-o", str(program)]
