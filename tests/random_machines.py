@@ -12,7 +12,18 @@ from llfsm.runtime.engine.machine import define
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 
-__all__ = ["FRESH", "LEFT", "RIGHT", "SHARED", "Ages", "ages", "built", "specs"]
+__all__ = [
+    "AGAIN",
+    "FRESH",
+    "LEFT",
+    "RIGHT",
+    "SHARED",
+    "Ages",
+    "ages",
+    "built",
+    "resumptions",
+    "specs",
+]
 
 LEFT, RIGHT, SHARED = (Slot(name, Int32) for name in ("left", "right", "shared"))
 NAMES = ("A", "B", "C")
@@ -59,16 +70,23 @@ class Ages(NamedTuple):
 FRESH = Ages()
 _age = st.sampled_from([None, None, None, 1, 5, 8, 9.5, 20])
 ages = st.builds(Ages, _age, _age)
+AGAIN: dict[str, Any] = {}
+resumptions = st.sampled_from(
+    [AGAIN, {"resume": "in_place"}, {"resume": "in_place", "clock": "stops"}]
+)
 
 
-def built(drawn: Any, ages: Ages = FRESH) -> list[type[Machine]]:
-    """Return the machines of a drawn list."""
+def built(drawn: Any, ages: Ages = FRESH, resumed: Any = AGAIN) -> list[type[Machine]]:
+    """Return the machines of a drawn list; `resumed` are the options of their states."""
     names = NAMES[: len(drawn)]
-    return [_machine(name, spec, names, ages) for name, spec in zip(names, drawn, strict=True)]
+    pairs = zip(names, drawn, strict=True)
+    return [_machine(name, spec, names, ages, resumed) for name, spec in pairs]
 
 
-def _machine(name: str, spec: Any, others: tuple[str, ...], ages: Ages) -> type[Machine]:
-    states = [State(f"S{number}") for number in range(len(spec))]
+def _machine(
+    name: str, spec: Any, others: tuple[str, ...], ages: Ages, resumed: Any
+) -> type[Machine]:
+    states = [State(f"S{number}", **resumed) for number in range(len(spec))]
     for state, (codes, leads) in zip(states, spec, strict=True):
         for section, what in codes.items():
             getattr(state, section)(_code(what, others))

@@ -32,7 +32,17 @@ from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.verification import UnsupportedError, explore
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
-from random_machines import FRESH, LEFT, RIGHT, Ages, ages, built, specs
+from random_machines import (
+    AGAIN,
+    FRESH,
+    LEFT,
+    RIGHT,
+    Ages,
+    ages,
+    built,
+    resumptions,
+    specs,
+)
 
 __all__ = ["RealRun", "assert_real_run_contained", "real_runs"]
 
@@ -51,6 +61,8 @@ class RealRun(NamedTuple):
     stopped: bool = False
     """True if the process is stopped and continued meanwhile."""
     ages: Ages = FRESH
+    resumed: Any = AGAIN
+    """The options of the machines' states."""
 
 
 real_runs = st.builds(
@@ -62,6 +74,7 @@ real_runs = st.builds(
     st.integers(0, 10**6),
     st.booleans(),
     ages,
+    resumptions,
 )
 
 
@@ -74,7 +87,7 @@ def assert_real_run_contained(run: RealRun, *, most: int, rounds: int = 60) -> b
     how: dict[str, Any] = {"unload_accepting": run.unload_accepting, "on_error": run.on_error}
     try:
         space = explore(
-            built(run.machines, run.ages),
+            built(run.machines, run.ages, run.resumed),
             period_ms=run.period_ms,
             sensors=DOMAINS,
             stop=True,
@@ -116,7 +129,7 @@ def _follow(run: RealRun, space: Any, rounds: int, how: dict[str, Any]) -> None:
             turn = event.machine if isinstance(event, Turn) else ""
 
     arrangement = Arrangement(
-        built(run.machines, run.ages),
+        built(run.machines, run.ages, run.resumed),
         environment=environment,
         period_us=run.period_ms * 1_000,
         observers=[look],
