@@ -230,6 +230,13 @@ class Seat(SeatFields):
             self.current = self.suspension
 
     @property
+    def waits_for(self) -> str:
+        """What the machine waits for in its state, in words; "" if it is polled, or not known."""
+        waiting = self.current.waiting
+        is_known = waiting is not None and self.current is self.previous and not waiting.polls
+        return waiting.text if is_known and waiting is not None else ""
+
+    @property
     def stands(self) -> bool:
         """True if it is suspended in a state in which it goes on in place."""
         stood = self.stood is not None and self.suspended

@@ -91,6 +91,19 @@ class Waiting(NamedTuple):
     """Times in the state, in order: beyond each, something may change."""
     limits_in: tuple[tuple[str, float], ...] = ()
     """Variables that hold such times, each with the nanoseconds of its unit."""
+    ends: bool = False
+    """True if it waits for the end of what the state runs."""
+
+    @property
+    def text(self) -> str:
+        """What it waits for, in words, as "battery or 3.2 s"; "" if that is requests alone."""
+        awaited = sorted(self.sensors)
+        awaited += ["the end of what it runs"] * self.ends
+        awaited += [f"the status of {name}" for name in sorted(self.machines)]
+        awaited += [f"{limit_ns / 1e9:g} s" for limit_ns in self.limits_ns]
+        awaited += [f"the time in {name}" for name, _ in self.limits_in]
+        *others, last = awaited or [""]
+        return f"{', '.join(others)} or {last}" if others else last
 
 
 class State:

@@ -27,15 +27,7 @@ def waiting_text(table: Table, state: State) -> str:
     waiting = waiting_in(table, state)
     if waiting.polls:
         return f"is polled: {waiting.polls}"
-    awaited = sorted(waiting.sensors)
-    awaited += ["the end of what it runs"] * any(each.ends for each in state.transitions)
-    awaited += [f"the status of {name}" for name in sorted(waiting.machines)]
-    awaited += [f"{limit_ns / 1e9:g} s" for limit_ns in waiting.limits_ns]
-    awaited += [f"the time in {name}" for name, _ in waiting.limits_in]
-    if not awaited:
-        return "waits for requests"
-    *others, last = awaited
-    return f"waits for {', '.join(others)} or {last}" if others else f"waits for {last}"
+    return f"waits for {waiting.text or 'requests'}"
 
 
 def waiting_in(table: Table, state: State) -> Waiting:
@@ -70,6 +62,7 @@ def waiting_in(table: Table, state: State) -> Waiting:
         frozenset(machines),
         tuple(sorted(floor(min(limit_ns, FOREVER)) for limit_ns in limits_ns)),
         tuple(sorted(limits_in)),
+        any(each.ends for each in state.transitions),
     )
 
 

@@ -410,6 +410,7 @@ class StatusPublisher:
             error=error,
             error_state="" if failure is None else failure.error.state,
             error_s=0.0 if failure is None else (now_ns - failure.time_ns) / 1e9,
+            waits=seat.waits_for,
         )
 
 

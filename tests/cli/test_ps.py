@@ -38,6 +38,46 @@ def test_ps_is_a_table(llfsm: Llfsm, board: str, running: subprocess.Popen[str])
         assert line[6:] == ["0", str(running.pid)]
 
 
+def test_ps_shows_what_machines_wait_for(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        run = MachineStatus(
+            "A", pid=os.getpid(), born=born(os.getpid()), host=host_name(),
+            namespace=pid_namespace(),
+        )  # fmt: skip
+        wb.add_message(status_slot("Polls"), run)
+        assert llfsm.run("ps", "-b", board).stdout.splitlines()[0].endswith("PID")
+        wb.add_message(status_slot("Waits"), replace(run, waits="door or 32 s"))
+        head, *lines = llfsm.run("ps", "-b", board).stdout.splitlines()
+    assert head.endswith("  WAITS FOR")
+    assert [line.endswith("  door or 32 s") for line in lines] == [False, True]
+
+
+def test_a_machine_that_waits_says_for_what(llfsm: Llfsm, board: str, tmp_path: Path) -> None:
+    (tmp_path / "waits.py").write_text(WAITS)
+
+    def waits_for() -> str:
+        return str(rows(llfsm, "-b", board).get("Waits", {}).get("waits"))
+
+    with Whiteboard(board):  # it is there before the machine
+        llfsm.start("run", "waits.py:Waits", "-q", "-b", board)
+        wait_for(lambda: waits_for() == "door or 32 s", "it waits")
+        llfsm.run("suspend", "Waits", "-b", board)
+        wait_for(lambda: waits_for() == "", "nothing but requests ends that")
+
+
+WAITS = """
+from llfsm.runtime import Machine, Sensor, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Bool
+
+class Waits(Machine):
+    door = Sensor(Slot("door", Bool), default=Bool())
+    rest, go = State(), State(final=False)
+    rest.to(go, when=lambda self: self.door.data)
+    rest.to(go, after=32)
+"""
+
+
 def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
     reported = rows(llfsm, "-b", board)
     assert list(reported) == ["Stays", "Stubborn"]

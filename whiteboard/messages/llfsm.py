@@ -74,7 +74,8 @@ class MachineStatus(Message):
     `paused_left_s` seconds after the message's stamp, unless that is renewed, without a time only
     when they are continued. Meanwhile the states' `clock` runs on, stands still, or is a
     simulation's. `caller` is the machine that has called this one as a submachine, while that is
-    loaded; `refusal` is the reason why it was not reloaded.
+    loaded; `refusal` is the reason why it was not
+    reloaded; `waits` is what it waits for in its state, in words, or empty while it is polled.
     """
 
     state: str = ""
@@ -105,6 +106,7 @@ class MachineStatus(Message):
     refusal: str = ""
     paused_left_s: float | None = None
     clock: Literal["runs", "stands", "simulated"] = "runs"
+    waits: str = ""
 
 
 class MachineRequest(Message):

@@ -216,7 +216,8 @@ export class Card {
     const problem = machine.error || (machine.refusal && `not reloaded: ${machine.refusal}`);
     showText(this.error, problem);
     const overruns = machine.overruns ? ` · ${number(machine.overruns)} overruns` : "";
-    setText(this.facts, `${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
+    const waits = machine.waits && condition === "running" ? `waits for ${machine.waits} · ` : "";
+    setText(this.facts, `${waits}${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
     this.light(machine);
     for (const button of this.buttons ?? []) {
       const action = button.dataset.action;

@@ -44,7 +44,17 @@ class Listing(NamedTuple):
     """The machines that command one slot, by slot, where there are several."""
 
 
-_HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID", "REALTIME")
+_HEADS = (
+    "MACHINE",
+    "STATE",
+    "STATUS",
+    "SINCE",
+    "RINGLETS",
+    "OVERRUNS",
+    "PID",
+    "REALTIME",
+    "WAITS FOR",
+)
 
 
 @click.command()
@@ -88,8 +98,9 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
         of = listing.hosts.of_machine(machine.name) or machine.status.host
         first = (listing.board,) if every else (of,) if fleet else ()
         lines.append((*first, *_row(machine, depth)))
-    if not any(machine.status.realtime for _, machine in rows):
-        lines = [line[:-1] for line in lines]
+    for place in (-2, -1):  # columns that are there if anything is in them
+        if not any(line[place] for line in lines[1:]):
+            lines = [(*line[:place], *line[len(line) + place + 1 :]) for line in lines]
     if not rows:
         echo(_none(board, every=every, fleet=fleet, host=host))
         lines = []
@@ -198,6 +209,7 @@ def _row(machine: RemoteMachine, depth: int) -> tuple[str, ...]:
         str(status.overruns),
         str(status.pid),
         f"FIFO {status.realtime}{core}" if status.realtime else "",
+        status.waits,
     )
 
 

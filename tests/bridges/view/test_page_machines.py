@@ -117,6 +117,9 @@ def test_a_submachine_is_under_its_caller_as_long_as_both_run(
         for name, caller in [("Boss", ""), ("Abel", "Work"), ("Work", "Boss"), ("Zed", "Gone")]:
             publish(name, caller)
         shows(("Boss", ""), ("Work", " Boss"), ("Abel", "  Work"), ("Zed", ""))
+        publish("Boss", waits="door or 32 s")
+        facts = page.locator("[data-machine=Boss] .facts")
+        expect(facts).to_contain_text("waits for door or 32 s")
         publish("Work", "Boss", loaded=False)
         shows(("Abel", ""), ("Boss", ""), ("Zed", ""), ("Work", ""))
         publish("Boss", "Zed")  # and what no machines do: they call each other in a ring
