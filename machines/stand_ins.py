@@ -47,7 +47,7 @@ class ActionStandIn(Machine):
     """Answer the goals of one action; a subclass has the ports, and says how long a goal takes.
 
     A newer goal ends the one before, as Navigation2 does; a cancellation counts if it is for this
-    goal, or for any and has come after it.
+    goal, or for any and has come after it. A restart aborts the goal under way.
 
     Args:
         fails: abort each goal at its end.
@@ -67,6 +67,7 @@ class ActionStandIn(Machine):
     number: int = 0
     time_s: float = 0.0
     is_canceled: bool = False
+    is_open: bool = False
 
     IDLE = State()
     REFUSED = State()
@@ -88,6 +89,7 @@ class ActionStandIn(Machine):
 
     def end(self, status: GoalStatus) -> None:
         """Post how the goal has ended: the result before the status, as a bridge does."""
+        self.is_open = False
         self.give(type(self).give.slot.type(self.number, status=status))
         self.stand(GoalStanding(self.number, status))
 
@@ -99,7 +101,7 @@ class ActionStandIn(Machine):
     @EXECUTING.on_entry
     def _(self) -> None:
         self.number, self.time_s = self.asked.number, self.seconds()
-        self.is_canceled = False
+        self.is_canceled, self.is_open = False, True
         self.stand(GoalStanding(self.number, GoalStatus.EXECUTING))
 
     @EXECUTING.internal
@@ -123,6 +125,7 @@ class ActionStandIn(Machine):
         self.reach()
         self.end(GoalStatus.SUCCEEDED)
 
+    IDLE.to(ABORTED, when=lambda self: self.is_open)
     IDLE.to(REFUSED, when=lambda self: self.is_new() and self.refuses)
     IDLE.to(EXECUTING, when=is_new)
     EXECUTING.to(CANCELED, when=lambda self: self.is_canceled)

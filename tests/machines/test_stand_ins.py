@@ -50,6 +50,40 @@ class Run:
         return run_until(self.arrangement, f"Mission.{state}", within_ms=within_ms)
 
 
+requests = st.lists(
+    st.one_of(
+        st.sampled_from(["suspend", "resume", "restart"]), st.integers(1, 400).map(lambda n: n * 10)
+    ),
+    max_size=8,
+)
+
+
+@given(pair=st.sampled_from(PAIRS), asked=requests)
+def test_whatever_is_asked_of_a_stand_in_its_client_comes_to_an_end(
+    pair: Any, asked: list[str | int]
+) -> None:
+    caller, other, slots, _ = pair
+    run = Run(caller, other)
+    for each in asked:
+        if isinstance(each, str):
+            getattr(run.arrangement, each)(other.__name__)
+        else:
+            run.clock.advance(ms=each)
+        run.arrangement.round()
+    run.arrangement.resume(other.__name__)
+    mission: Any = run.arrangement.machine("Mission")
+    run_until(
+        run.arrangement, lambda _: mission.state_name in ("THERE", "FAILED"), within_ms=90_000
+    )
+    status = run.board.get_message(slots.status)
+    assert status is not None
+    if mission.state_name == "FAILED":
+        assert "restart" in asked
+        assert status.status is GoalStatus.ABORTED
+    else:
+        assert status.status is GoalStatus.SUCCEEDED
+
+
 @pytest.mark.parametrize(("caller", "other", "slots", "takes_s"), PAIRS)
 def test_a_goal_takes_its_time_and_is_reached(
     caller: Any, other: Any, slots: ActionSlots, takes_s: float
