@@ -419,7 +419,7 @@ class _Converter:
             includes=_fragment(includes),
             variables=_fragment(variables),
             methods=_fragment("\n\n".join(methods)),
-            include_paths=self._search(),
+            include_paths=self._search(includes),
             layout=class_layout(self.cls),
         )
         try:
@@ -428,12 +428,14 @@ class _Converter:
             raise self.refused(str(error)) from error
         return bundle
 
-    def _search(self) -> tuple[str, ...]:
-        """Return the include path to the class's own module; none if that is installed."""
+    def _search(self, includes: str) -> tuple[str, ...]:
+        """Return the include path to what is imported from beside the class; none for nothing."""
         package = self.cls.__module__.split(".")
         root = self.file.parents[len(package) - (self.file.stem != "__init__")]
         installed = {Path(sysconfig.get_path(each)) for each in ("stdlib", "purelib", "platlib")}
-        if package[0] == _OURS or root in installed:
+        imported = {each.partition(".")[0] for each in _modules(ast.parse(includes))}
+        beside = any((root / each).is_dir() or (root / f"{each}.py").is_file() for each in imported)
+        if package[0] == _OURS or root in installed or not beside:
             return ()
         return (os.path.relpath(root, (self.folder / "x.machine").resolve()),)
 
@@ -539,6 +541,15 @@ class _Converter:
             f"{what} has several statements; give the function a name in the class, other than _",
             guard.__code__.co_firstlineno,
         )
+
+
+def _modules(tree: ast.Module) -> Iterator[str]:
+    """Name the modules from which statements import."""
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
 
 
 def _fragment(text: str) -> Fragment | None:

@@ -58,9 +58,18 @@ def test_a_class_whose_bundle_includes_what_is_beside_it(llfsm: Llfsm) -> None:
     (llfsm.cwd / "levels.py").write_text("LOW = 3\n")
     llfsm.run("new", "Blink", "--class")
     blink = llfsm.cwd / "blink.py"
-    blink.write_text(f"from levels import LOW\n\nN = LOW\n{blink.read_text()}")
+    text = blink.read_text().replace("count += 1", "count += LOW")
+    blink.write_text(f"from levels import LOW\n\n{text}")
     assert llfsm.run("convert", "blink.py:Blink").returncode == 0
-    assert (llfsm.cwd / "Blink.machine/IncludePath").exists()
+    assert (llfsm.cwd / "Blink.machine/IncludePath").read_text() == "..\n"
     blink.unlink()
     back = llfsm.run("convert", "Blink.machine")
     assert (back.returncode, back.stdout) == (0, "wrote blink.py\n"), back.stderr
+
+
+def test_a_bundle_that_imports_nothing_becomes_a_class_anywhere(llfsm: Llfsm) -> None:
+    llfsm.run("new", "Blink", "--class")
+    assert llfsm.run("convert", "blink.py:Blink", "-o", "apart").returncode == 0
+    assert not (llfsm.cwd / "apart/Blink.machine/IncludePath").exists()
+    back = llfsm.run("convert", "apart/Blink.machine", "-o", "further")
+    assert (back.returncode, back.stderr) == (0, "")

@@ -112,7 +112,6 @@ def test_a_class_is_converted_and_back(tmp_path: Path) -> None:
     assert ran(load_bundle(tmp_path / "Mission.machine")) == ran(Mission)
     text = (tmp_path / "Mission.machine" / "State_both_Transition_0.expr").read_text()
     assert text == "both.failed and far > 99\n"
-    (tmp_path / "Mission.machine" / "IncludePath").unlink()
     written = write_converted(tmp_path / "Mission.machine", tmp_path)
     text = written.read_text()
     assert "out = State(runs='Drive', history=True)" in text
@@ -202,7 +201,6 @@ def test_a_bundle_gives_values_as_its_class_does(folder: Path) -> None:
 def test_a_class_that_gives_values_is_converted_and_back(tmp_path: Path) -> None:
     for cls in (Drive, Gives):
         write_converted(cls, tmp_path)
-        (tmp_path / f"{cls.__name__}.machine" / "IncludePath").unlink()
     assert (tmp_path / "Gives.machine" / "State_out_Runs").read_text() == "Drive(turns=start + 1)\n"
     assert "import" not in (tmp_path / "Gives.machine" / "States").read_text()
     assert not (tmp_path / "Gives.machine" / "Gives_Includes.py").exists()
