@@ -60,6 +60,7 @@ def test_llfsm_demo_records_what_runs_again(llfsm: Any, llfsm_here: Any, file: P
         return False
 
     wait_for(has_pose, "a pose")
+    wait_for(lambda: turns_in(file) > 0, "a turn")  # before, there is nothing to run again
     demo.send_signal(signal.SIGINT)
     assert end_of(demo)[0] == 0
     assert Recording(file).about["board"] == name
