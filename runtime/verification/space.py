@@ -46,7 +46,7 @@ class Space:
     machine its current, previous and remembered state, its pending request, whether it has accepted
     and is still loaded, its variables, and for how many periods it has been in its state (0 if it
     has had no turn there), counted until the longest time that is asked about in that state is
-    over; of each slot that a machine posts to and some machine reads, or a property names, its
+    over, and so for a state in which it is to go on in place; of each slot that a machine posts to and some machine reads, or a property names, its
     content; whether a stop has come. Of a slot that the environment writes, the content is part of
     a state only if a property names it, or in a round that has begun if choices are made by rounds.
 
