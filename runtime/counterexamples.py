@@ -10,6 +10,7 @@ machines that run as it got of explored ones (`LiveSituation`).
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import groupby
@@ -23,7 +24,7 @@ from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Turn
 from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import ScriptRun, journal_of
-from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
+from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step, TurnOf, turn_of
 from llfsm.runtime.testing.search import KIT, PythonText
 from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.inner import Made, inner_seats
@@ -41,6 +42,7 @@ from llfsm.runtime.verification.properties import (
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.engine.schedule import Timetable
     from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.journal.entries import Entry
     from llfsm.runtime.verification.domains import Member
@@ -82,22 +84,26 @@ def _steps(witness: Witness, space: Space) -> Iterator[Step]:
     contents: dict[str, Any] = {}
     now_ms = 0.0
     for _, turns in groupby((*witness.turns, *witness.rest), key=lambda turn: turn.round):
-        first, *others = turns
-        before: dict[str, dict[Slot[Any], Any]] = {}
-        asks: dict[str, list[Ask]] = {}
-        messages = _news(first, contents, space)
-        for turn in (first, *others):
+        whole = [*turns]
+        first = whole[0]
+        before: dict[TurnOf, dict[Slot[Any], Any]] = {}
+        asks: dict[TurnOf, list[Ask]] = {}
+        timed = space.timetable is not None  # time passes by itself, also before the first turn
+        messages = {} if timed else _news(first, contents, space)
+        numbers: Counter[str] = Counter()
+        for turn in whole:
+            numbers[turn.machine] += 1
+            which = turn_of(turn.machine, numbers[turn.machine])
             asked: list[Ask] = ["suspend"] if turn.withdraws else []
             if turn.request is not None:
                 asked.append(turn.request.value)
             if turn.stop:
                 asked.append("stop")
             if asked:
-                asks[turn.machine] = asked
-        for turn in others:
-            if news := _news(turn, contents, space):
-                before[turn.machine] = news
-        yield Step(first.time_ms - now_ms, messages, before, asks)
+                asks[which] = asked
+            if (timed or turn is not first) and (news := _news(turn, contents, space)):
+                before[which] = news
+        yield Step(0 if timed else first.time_ms - now_ms, messages, before, asks)
         now_ms = first.time_ms
 
 
@@ -123,7 +129,12 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     Return a view of the initial state, and one of the state after each turn. Raise
     `ExecutionError` for an error of a machine's code, as `Arrangement.round` does.
     """
-    run = ScriptRun(space.members, unload_accepting=space.unload_accepting, on_error=space.on_error)
+    run = ScriptRun(
+        space.members,
+        unload_accepting=space.unload_accepting,
+        on_error=space.on_error,
+        timetable=space.timetable,
+    )
     views = [view_of(run.scripted, space.made)]
     turn = False
 
@@ -272,7 +283,7 @@ class TurnRow(NamedTuple):
 
     round: int
     time_ns: int
-    """The time at which its round began; the clock begins at 0."""
+    """When it was due; the clock begins at 0."""
     machine: str
     saw: str
     """New messages in its sensors, and requests to it."""
@@ -288,9 +299,16 @@ def rows_of(
     *,
     unload_accepting: bool = True,
     on_error: OnError = "stop",
+    timetable: Timetable | None = None,
 ) -> list[TurnRow]:
     """Do a script, and list its turns."""
-    run, entries = journal_of(members, script, unload_accepting=unload_accepting, on_error=on_error)
+    run, entries = journal_of(
+        members,
+        script,
+        unload_accepting=unload_accepting,
+        on_error=on_error,
+        timetable=timetable,
+    )
     slots = _slots_of(machine._seat for machine in run.scripted.machines.values())
     rows: list[TurnRow] = []
     turn: list[Entry] = []
@@ -343,9 +361,11 @@ def table_of(rows: Sequence[TurnRow], marked: int | None = None, *, full: bool =
 
 
 def _round(rows: Sequence[TurnRow]) -> Iterator[tuple[str, ...]]:
+    shown_ns = -1
     for number, row in enumerate(rows):
-        when = ("", "") if number else (str(row.round), f"{row.time_ns / 1e6:.10g} ms")
-        yield *when, row.machine, row.saw, row.did, row.posted
+        when = "" if row.time_ns == shown_ns else f"{row.time_ns / 1e6:.10g} ms"
+        shown_ns = row.time_ns
+        yield "" if number else str(row.round), when, row.machine, row.saw, row.did, row.posted
 
 
 def _folded(rounds: Sequence[int]) -> Iterator[tuple[str, ...]]:
@@ -418,6 +438,7 @@ def story_of(space: Space, witness: Witness, *, full: bool = False) -> Iterator[
             script,
             unload_accepting=space.unload_accepting,
             on_error=space.on_error,
+            timetable=space.timetable,
         )
         table = table_of(rows[:number], number - 1, full=full)
         yield f"after {number} turn{'s' if number != 1 else ''}:"
@@ -447,6 +468,8 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
     keep = "        unload_accepting=True,\n" if space.unload_accepting else ""
     keep += "" if space.on_error == "stop" else f"        on_error={space.on_error!r},\n"
     keep += "        to_end=True,\n" if space.suspend else ""
+    if space.timetable is not None:
+        keep += f"        timetable={_timetable(text, space.timetable)},\n"
     between, given = between_of(witness), name
     if between is not None:
         given += f", between_ms=({between[0]:.15g}, {between[1]:.15g})"
@@ -455,6 +478,14 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
         f"        invariant={holds}({given}),\n{keep}    )\n"
     )
     return f"{text.imports()}\n\n\ndef test_{name.replace('.', '_')}() -> None:\n{call}"
+
+
+def _timetable(text: PythonText, timetable: Timetable) -> str:
+    slot = text.imported("llfsm.runtime", "TimeSlot")
+    slots = (f"{slot}{(*each,)!r}" for each in timetable.slots)
+    return (
+        f"{text.imported('llfsm.runtime', 'Timetable')}([{', '.join(slots)}], {timetable.cycle_us})"
+    )
 
 
 def _machine(text: PythonText, member: Member, folder: Path | None) -> str:

@@ -9,6 +9,7 @@ from hypothesis import assume, event, reject
 from hypothesis import strategies as st
 
 from llfsm.runtime.engine.kernel import OnError
+from llfsm.runtime.engine.schedule import TimeSlot, Timetable
 from llfsm.runtime.verification import (
     Region,
     UnsupportedError,
@@ -20,14 +21,23 @@ from llfsm.runtime.verification import (
     reachable,
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
-from naive_explorer import Explored, May, naively_explored
-from random_machines import FRESH, LEFT, RIGHT, SHARED, Ages, ages, built, specs
+from naive_explorer import Explored, May, gaps_ns_of, naively_explored
+from random_machines import FRESH, LEFT, NAMES, RIGHT, SHARED, Ages, ages, built, specs
 
-__all__ = ["DOMAINS", "Situation", "assert_agreement", "situations"]
+__all__ = [
+    "DOMAINS",
+    "Situation",
+    "Turns",
+    "assert_agreement",
+    "situations",
+    "timetable_of",
+    "turns",
+]
 
 _ZERO_OR_ONE = [Int32(data=0), Int32(data=1)]
 DOMAINS = {LEFT: [None, *_ZERO_OR_ONE], RIGHT: _ZERO_OR_ONE}
 
+Turns = list[tuple[int, int]]
 Naively = Callable[[Mapping[str, Any]], bool]
 
 
@@ -40,8 +50,27 @@ class Situation(NamedTuple):
     may: May
     on_error: OnError = "stop"
     ages: Ages = FRESH
+    turns: Turns | None = None
+    """If not None, when which machines have their turns, in the place of a period."""
+
+    @property
+    def timetable(self) -> Timetable | None:
+        """Return their timetable."""
+        return None if self.turns is None else timetable_of(self.turns, len(self.machines))
 
 
+CYCLE_US = 12_000
+
+
+def timetable_of(turns: Turns, machines: int) -> Timetable:
+    """Return a timetable in which each machine has a turn at least."""
+    each = [(number, start) for number, start in turns if number < machines]
+    each += [(number, 0) for number in range(machines) if number not in dict(each)]
+    slots = [TimeSlot(NAMES[number], ms * 1_000, CYCLE_US) for number, ms in each]
+    return Timetable(sorted(slots, key=lambda slot: slot.start_us), CYCLE_US)
+
+
+turns = st.lists(st.tuples(st.integers(0, 2), st.sampled_from([0, 3, 4, 10])), max_size=5)
 situations = st.builds(
     Situation,
     specs,
@@ -50,14 +79,16 @@ situations = st.builds(
     st.builds(May, st.booleans(), st.sets(st.just("A")), st.booleans()),
     st.sampled_from(["stop", "suspend"]),
     ages,
+    st.none() | turns,
 )
 
 
 def assert_agreement(situation: Situation, *, most: int) -> None:
     """Compare counts, verdicts and the lengths of witnesses; leave out what has more states."""
     machines, may = built(situation.machines, situation.ages), situation.may
+    timetable = situation.timetable
     how: dict[str, Any] = {
-        "period_ms": situation.period_ms,
+        **({"timetable": timetable} if timetable else {"period_ms": situation.period_ms}),
         "unload_accepting": situation.unload_accepting,
         "on_error": situation.on_error,
     }
@@ -96,9 +127,14 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     # Does whoever is not there come there, ever or in so many rounds?
     there, there_naively = sought[0]
     within = [None, *(rounds * situation.period_ms for rounds in range(5))]
-    answers = [leads_to(lambda v: not there(v), there, within_ms=ms) for ms in within]
     late = [naive.unanswered(there_naively)]
-    late += [naive.late(there_naively, rounds) for rounds in range(5)]
+    if timetable is None:
+        late += [naive.late(there_naively, rounds) for rounds in range(5)]
+    else:
+        gaps_ns = gaps_ns_of(timetable)
+        within = [None, *(ms for ms in (0, 4, 7, 12, 20) if _all_stay(naive))]
+        late += [naive.late_by(there_naively, ms * 10**6, gaps_ns) for ms in within[1:]]
+    answers = [leads_to(lambda v: not there(v), there, within_ms=ms) for ms in within]
     expected = [not each for each in late]
 
     (asks, asks_naively), _, (response, response_naively), _ = sought
@@ -131,6 +167,10 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
     for verdict, (_, of_naive) in zip(space.verdicts[-7::2], sought, strict=True):
         _assert_region(verdict.witness and verdict.witness.region, naive, of_naive)
+
+
+def _all_stay(naive: Explored) -> bool:
+    return all(each[5] for _, machines, *_ in naive.successors for each in machines)
 
 
 def _assert_region(region: Region | None, naive: Explored, goal: Naively) -> None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import pickle
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from definition import Defined, DefinedKernel
@@ -17,10 +18,11 @@ from llfsm.runtime.engine.environment import AgedRead, BoardEnvironment, Post, R
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.kernel import OnError
 from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.schedule import Timetable
 from llfsm.runtime.engine.seat import NEVER, Failure, Seat
 from llfsm.whiteboard import Slot, Whiteboard
 
-__all__ = ["START_NS", "Elapsed", "Explored", "May", "naively_explored"]
+__all__ = ["START_NS", "Elapsed", "Explored", "May", "gaps_ns_of", "naively_explored"]
 
 START_NS = 10**15  # more than any limit, so that no state is entered before time began
 FAILURE = Failure(ExecutionError("it has failed", "", "", "", None, None), 0)
@@ -173,6 +175,25 @@ class Explored(NamedTuple):
                 return found
             found |= new
 
+    def late_by(self, responds: Holds, left_ns: int, gaps_ns: list[int]) -> set[Any]:
+        """Return the states from which a turn may be due after more than `left_ns` without one.
+
+        `gaps_ns` is the time that passes before each turn of a round.
+        """
+        known: dict[tuple[Any, int], bool] = {}
+
+        def is_late(state: Any, left_ns: int) -> bool:
+            if responds(self.views[state]):
+                return False
+            if state in self.ends or gaps_ns[state[0]] > left_ns:
+                return True
+            where, left_ns = (state, left_ns), left_ns - gaps_ns[state[0]]
+            if where not in known:
+                known[where] = any(is_late(after, left_ns) for after in self.successors[state])
+            return known[where]
+
+        return {state for state in self.views if is_late(state, left_ns)}
+
     def late(self, responds: Holds, rounds: int) -> set[Any]:
         """Return the states from which more than `rounds` rounds may begin without a response."""
         silent = [state for state, view in self.views.items() if not responds(view)]
@@ -220,6 +241,7 @@ class _Naive:
         self,
         machines: Iterable[type[Machine]],
         periods_ns: Collection[int],
+        order: Sequence[tuple[int, int]],
         domains: Domains,
         kept: set[str],
         unload_accepting: bool,
@@ -238,6 +260,7 @@ class _Naive:
         self.arrangement.kernel.__class__ = _FailingKernel
         self.seats = list(self.arrangement.roster)
         self.periods_ns = periods_ns
+        self.order = order or [(number, 0) for number in range(len(self.seats))]
         self.domains = {slot.name: list(messages) for slot, messages in domains.items()}
         shared = self.world.posted & self.world.read_by.keys()
         self.kept = kept
@@ -333,10 +356,10 @@ class _Naive:
 
     def successors(self, state: Any) -> Iterator[Any]:
         self.restore(state)
-        turn = self._next(state[0])
+        turn, skipped_ns = self._next(state[0])
         if turn is None or self.arrangement.kernel.error or (state[0] == 0 and not self._goes_on()):
             return
-        seat = self.seats[turn]
+        seat = self.seats[self.order[turn][0]]
         free = [
             name
             for name, readers in sorted(self.world.read_by.items())
@@ -346,7 +369,9 @@ class _Naive:
         requests = [None, *Request] if seat.name in self.may.suspend else [None]
         stops = [False, True] if self.may.stop and not state[3] else [False]
         contents = itertools.product(*(self._contents(name) for name in free))
-        passed = self.periods_ns if state[0] == 0 else [0]
+        until_due = skipped_ns + self.order[turn][1]
+        starts = self.periods_ns if state[0] == 0 else [0]
+        passed = [until_due + (ns - self.order[0][1] if state[0] == 0 else 0) for ns in starts]
         for chosen, request, stop, ns in itertools.product(contents, requests, stops, passed):
             self.restore(state)
             self.clock.advance(ns=ns)
@@ -358,7 +383,9 @@ class _Naive:
             if stop:
                 self.arrangement.stop()
             self.arrangement.kernel.give_turns([seat])
-            after = self._next(turn + 1) or 0
+            following, skipped_ns = self._next(turn + 1)
+            self.clock.advance(ns=skipped_ns)
+            after = following or 0
             if self.may.by_rounds and after == 0:
                 self.world.cells.update((n, None) for n in self.domains if n not in self.kept)
             yield self.save(after)
@@ -412,18 +439,37 @@ class _Naive:
             waiting += new
         return explored
 
-    def _next(self, turn: int) -> int | None:
-        """Return the first machine from `turn` on that is still loaded."""
-        return next((n for n in range(turn, len(self.seats)) if self.seats[n].taken), None)
+    def _next(self, turn: int) -> tuple[int | None, int]:
+        """Return the first turn from `turn` on whose machine is still loaded.
+
+        With it, the time that passes until the last one that is left out before it.
+        """
+        skipped_ns = 0
+        for number in range(turn, len(self.order)):
+            place, gap_ns = self.order[number]
+            if self.seats[place].taken:
+                return number, skipped_ns
+            skipped_ns += gap_ns
+        return None, skipped_ns
 
     def _variables(self, seat: Seat) -> list[str]:
         return list(type(seat.machine).table.variables)
 
 
+def gaps_ns_of(timetable: Timetable) -> list[int]:
+    """Return the time that passes before each turn of a cycle."""
+    starts = [slot.start_us * 1_000 for slot in timetable.slots]
+    return [
+        start - before
+        for before, start in pairwise([starts[-1] - timetable.cycle_us * 1_000, *starts])
+    ]
+
+
 def naively_explored(
     machines: Iterable[type[Machine]],
     *,
-    period_ms: float | Iterable[float],
+    period_ms: float | Iterable[float] = (),
+    timetable: Timetable | None = None,
     domains: Domains,
     kept: Iterable[Slot[Any]] = (),
     unload_accepting: bool = True,
@@ -432,14 +478,22 @@ def naively_explored(
 ) -> Explored:
     """Explore all states; `kept` are slots that belong to them though no machine reads them.
 
-    Each round comes after any of several periods, if there are several.
+    Each round comes after any of several periods, if there are several, or turns are due as in a
+    timetable.
     """
+    machines = list(machines)
     periods_ms = [period_ms] if isinstance(period_ms, int | float) else period_ms
     periods_ns = [round(ms * 1e6) for ms in periods_ms]
+    order: list[tuple[int, int]] = []
+    if timetable is not None:
+        places = {machine.__name__: place for place, machine in enumerate(machines)}
+        turns = (places[slot.machine] for slot in timetable.slots)
+        order = list(zip(turns, gaps_ns_of(timetable), strict=True))
+        periods_ns = [order[0][1]]
     limits: dict[tuple[int, str], int] = {}
     while True:
         names = {slot.name for slot in kept}
-        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, on_error, may)
+        naive = _Naive(machines, periods_ns, order, domains, names, unload_accepting, on_error, may)
         naive.limits.update(limits)
         explored = naive.run()
         if explored is not None:

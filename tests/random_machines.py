@@ -16,6 +16,7 @@ __all__ = [
     "AGAIN",
     "FRESH",
     "LEFT",
+    "NAMES",
     "RIGHT",
     "SHARED",
     "Ages",

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple
 
 from hypothesis import strategies as st
 
-from agreement import DOMAINS
+from agreement import DOMAINS, Turns, timetable_of, turns
 from containment import Follower
 from llfsm.errors import LlfsmError
 from llfsm.runtime import Arrangement, ExecutionError, ObserverError
@@ -63,6 +63,15 @@ class RealRun(NamedTuple):
     ages: Ages = FRESH
     resumed: Any = AGAIN
     """The options of the machines' states."""
+    turns: Turns | None = None
+    """If not None, when which machines have their turns, in the place of a period."""
+
+    @property
+    def schedule(self) -> dict[str, Any]:
+        """Return the arguments of an `Arrangement` for the times of turns."""
+        if self.turns is None or self.stopped:
+            return {"period_us": self.period_ms * 1_000}
+        return {"timetable": timetable_of(self.turns, len(self.machines))}
 
 
 real_runs = st.builds(
@@ -75,6 +84,7 @@ real_runs = st.builds(
     st.booleans(),
     ages,
     resumptions,
+    st.none() | turns,
 )
 
 
@@ -85,10 +95,13 @@ def assert_real_run_contained(run: RealRun, *, most: int, rounds: int = 60) -> b
     missed. On a busy machine it may; one that did and was not explored is made again.
     """
     how: dict[str, Any] = {"unload_accepting": run.unload_accepting, "on_error": run.on_error}
+    schedule = run.schedule
+    timetable = schedule.get("timetable")
     try:
         space = explore(
             built(run.machines, run.ages, run.resumed),
-            period_ms=run.period_ms,
+            period_ms=None if timetable else run.period_ms,
+            timetable=timetable,
             sensors=DOMAINS,
             stop=True,
             suspend="A",
@@ -131,7 +144,7 @@ def _follow(run: RealRun, space: Any, rounds: int, how: dict[str, Any]) -> None:
     arrangement = Arrangement(
         built(run.machines, run.ages, run.resumed),
         environment=environment,
-        period_us=run.period_ms * 1_000,
+        **run.schedule,
         observers=[look],
         **how,
     )

@@ -48,6 +48,7 @@ from llfsm.whiteboard.poller import BoardPoller, is_data
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.engine.schedule import Timetable
     from llfsm.runtime.testing.play import Loading
     from llfsm.runtime.testing.scripted import Step
 
@@ -339,6 +340,7 @@ def record_script(
     folder: Path | None = None,
     unload_accepting: bool = True,
     on_error: OnError = "stop",
+    timetable: Timetable | None = None,
 ) -> None:
     """Run `members` on a script, and write a recording of it.
 
@@ -360,6 +362,7 @@ def record_script(
             members,
             unload_accepting=unload_accepting,
             on_error=on_error,
+            timetable=timetable,
             journal=journal,
             start_ns=start_ns,
         )

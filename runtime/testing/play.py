@@ -15,6 +15,7 @@ from llfsm.runtime.engine.errors import ExecutionError, ObserverError
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.engine.kernel import Control, Factory, OnError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.schedule import Timetable
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.testing.errors import InvariantError, ScriptError
@@ -39,22 +40,26 @@ def play(
     invariant: Invariant,
     unload_accepting: bool = False,
     on_error: OnError = "stop",
+    timetable: Timetable | None = None,
     to_end: bool = False,
 ) -> Arrangement:
     """Play `script` to new machines on a new board; check `invariant` after every ringlet.
 
     `machines` are classes, or functions that return machines. Accepting machines stay loaded, so
-    that the invariant can examine them, unless `unload_accepting`; `on_error` is as for
-    `Arrangement`. When all machines accept or are
-    suspended, the rest of the script is skipped unless it is played `to_end`, as if others might
-    still resume one. If `invariant` has a method `begin`, that is called before the first ringlet.
+    that the invariant can examine them, unless `unload_accepting`; `on_error` and `timetable` are
+    as for `Arrangement`. When all machines accept or are suspended, the rest of the script is
+    skipped unless it is played `to_end`, as if others might still resume one. If `invariant` has a
+    method `begin`, that is called before the first ringlet.
 
     Return the arrangement, which has ended. Raise `InvariantError` or any other error of the
     invariant, `ExecutionError` for one of a machine's code, and `ScriptError` for a wrong script.
     """
     environment = ScriptedEnvironment()
     arrangement = Arrangement(
-        environment=environment, unload_accepting=unload_accepting, on_error=on_error
+        environment=environment,
+        unload_accepting=unload_accepting,
+        on_error=on_error,
+        timetable=timetable,
     )
     for each in factories(machines):
         if callable(each):
@@ -154,6 +159,7 @@ class ScriptRun:
         *,
         unload_accepting: bool = True,
         on_error: OnError = "stop",
+        timetable: Timetable | None = None,
         journal: Journal | None = None,
         start_ns: int = 0,
     ):
@@ -165,7 +171,10 @@ class ScriptRun:
             environment = JournalledEnvironment(environment, journal)
             self.scripted.asking = journal.asking
         self.arrangement = Arrangement(
-            environment=environment, unload_accepting=unload_accepting, on_error=on_error
+            environment=environment,
+            unload_accepting=unload_accepting,
+            on_error=on_error,
+            timetable=timetable,
         )
         for member in members:
             member.load(self.arrangement.control)
@@ -184,11 +193,18 @@ def journal_of(
     *,
     unload_accepting: bool = True,
     on_error: OnError = "stop",
+    timetable: Timetable | None = None,
 ) -> tuple[ScriptRun, list[Entry]]:
     """Do `script`, and return the run with the entries of its journal."""
     written: list[bytes] = []
     journal = Journal(written.append)
-    run = ScriptRun(members, unload_accepting=unload_accepting, on_error=on_error, journal=journal)
+    run = ScriptRun(
+        members,
+        unload_accepting=unload_accepting,
+        on_error=on_error,
+        timetable=timetable,
+        journal=journal,
+    )
     for _ in run.play(script):
         pass
     journal.flush()

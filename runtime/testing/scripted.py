@@ -8,6 +8,7 @@ is read, requests when its turn begins. So a counterexample with any interleavin
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import MappingProxyType
@@ -31,6 +32,13 @@ _NOTHING: Mapping[Any, Any] = MappingProxyType({})
 
 
 Ask: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
+TurnOf: TypeAlias = str | tuple[str, int]
+"""A machine's turn in a round: its name for the first, or with the number of another one."""
+
+
+def turn_of(machine: str, number: int) -> TurnOf:
+    """Name a machine's turn in a round, of which the first has the number 1."""
+    return machine if number == 1 else (machine, number)
 
 
 class Step(NamedTuple):
@@ -42,13 +50,14 @@ class Step(NamedTuple):
     Just before the turn of a machine that `before` or `asks` names, more messages are posted, or
     it is asked to "suspend", "resume" or "restart", or all machines to "stop"; what `after` has is
     asked when the round is over. None instead of a message empties a slot, as if nothing had been
-    posted.
+    posted. With a timetable, a round is a cycle, the time until each turn is due passes by itself,
+    and ("Machine", 2) names a machine's second turn in it.
     """
 
     wait_ms: float = 0
     messages: Mapping[Slot[Any], Any] = _NOTHING
-    before: Mapping[str, Mapping[Slot[Any], Any]] = _NOTHING
-    asks: Mapping[str, Sequence[Ask]] = _NOTHING
+    before: Mapping[TurnOf, Mapping[Slot[Any], Any]] = _NOTHING
+    asks: Mapping[TurnOf, Sequence[Ask]] = _NOTHING
     after: Mapping[str, Sequence[Ask]] = _NOTHING
     most_rounds: int = 1
 
@@ -83,7 +92,8 @@ class ScriptedEnvironment(LiveEnvironment):
         self.machines: dict[str, Machine] = {}
         """All machines that were loaded, by name, also those that have left."""
         self._arrangement: Arrangement | None = None
-        self._before: dict[str, Mapping[Slot[Any], Any]] = {}
+        self._before: dict[TurnOf, Mapping[Slot[Any], Any]] = {}
+        self._turns: Counter[str] = Counter()  # in this round
         self._emptied: dict[str, int] = {}  # slot -> the count up to which it counts as empty
 
     def play(self, arrangement: Arrangement, script: Iterable[Step]) -> Iterator[Step]:
@@ -94,8 +104,9 @@ class ScriptedEnvironment(LiveEnvironment):
             self.clock.advance(ms=step.wait_ms)
             self._post(step.messages)
             self._before = {**step.before}
-            with self._asking(arrangement, step.asks):
+            with self._asking(arrangement, step):
                 for _ in range(step.most_rounds):
+                    self._turns.clear()
                     if not arrangement.round() or arrangement.finished:
                         break
             for machine, asked in step.after.items():
@@ -103,16 +114,16 @@ class ScriptedEnvironment(LiveEnvironment):
             yield step
 
     @contextmanager
-    def _asking(
-        self, arrangement: Arrangement, asks: Mapping[str, Sequence[Ask]]
-    ) -> Iterator[None]:
+    def _asking(self, arrangement: Arrangement, step: Step) -> Iterator[None]:
         """Make a step's requests while this is entered, each at the beginning of a turn."""
 
         def ask(event: Event) -> None:
-            if isinstance(event, Turn) and event.machine in asks:
-                self._ask(arrangement, event.machine, asks[event.machine])
+            if isinstance(event, Turn):
+                self._turns[event.machine] += 1
+                turn = turn_of(event.machine, self._turns[event.machine])
+                self._ask(arrangement, event.machine, step.asks.get(turn, ()))
 
-        if asks:
+        if step.asks or step.before:
             arrangement.attach(ask)
         yield
         arrangement.detach(ask)
@@ -152,8 +163,9 @@ class ScriptedEnvironment(LiveEnvironment):
         reader = self._reader(machine, slot)
 
         def read() -> object:
-            if machine in self._before:
-                self._post(self._before.pop(machine))
+            turn = turn_of(machine, self._turns[machine])
+            if turn in self._before:
+                self._post(self._before.pop(turn))
             return None if self._emptied.get(slot.name) == reader.count else get()
 
         return read

@@ -22,7 +22,7 @@ from llfsm.runtime.verification._tables import FieldName, Tables
 from llfsm.runtime.verification._twin import Seen, States
 
 Level: TypeAlias = dict[int, States]
-"""States by the place of the machine whose turn is next; 0 is also the beginning of a round."""
+"""States by which turn of a round is next (`System.order`); 0 is the beginning of a round."""
 STATES_AT_ONCE = 4_096
 """States of a level that are expanded without asking whether to go on.
 
@@ -45,6 +45,8 @@ class Successor(NamedTuple):
     """True if the machine entered its state in this turn, or will in its next."""
     turn: int
     state: int
+    at: int
+    """Which turn of its round it was."""
 
 
 class Search:
@@ -62,8 +64,8 @@ class Search:
         """The number of states."""
         self._sizes: list[tuple[int, tuple[int, ...]]] = []
         """The states and, by `System.sizes`, the values, whenever there were twice as many."""
-        self._last = len(tables.system.names) - 1
-        self._seen = [Seen(tables.packing.words) for _ in tables.system.names]
+        self._places = [turn.place for turn in tables.system.order]
+        self._seen = [Seen(tables.packing.words) for _ in self._places]
 
     def begin(self) -> Level:
         """Add and return the first level: the initial state."""
@@ -94,10 +96,10 @@ class Search:
         """Count the transitions of states, and list the states after them by whose turn it is."""
         transitions = 0
         after: list[tuple[int, States]] = []
-        for place, group, _ in self._ready(turn, states):
-            found, more = self.tables.turns[place].apply(group)
+        for at, group, _ in self._ready(turn, states):
+            found, more = self.tables.turns[self._places[at]].apply(group)
             transitions += more
-            after += self._to_turns(place, found)
+            after += self._to_turns(at, found)
         return transitions, after
 
     def _note_new(self, level: Level, turn: int, states: States) -> None:
@@ -121,21 +123,28 @@ class Search:
     def pairs(self, turn: int, states: States) -> list[tuple[int, int]]:
         """List the states before and after each ringlet in one turn from `states`."""
         pairs = []
-        for place, group, _ in self._ready(turn, states):
-            effects = self.tables.turns[place].effects
+        for at, group, _ in self._ready(turn, states):
+            effects = self.tables.turns[self._places[at]].effects
             pairs += [(s, s & keep | put) for s in group for keep, put in effects(s)]
         return pairs
 
     def _ready(self, turn: int, states: States) -> Iterator[tuple[int, States, int]]:
-        """Yield each machine whose ringlet begins in some states, with these states.
+        """Yield each turn whose ringlet begins in some states, with these states.
 
         With each, how many rounds after the one before the round begins; 0 in a round.
         """
         if self.tables.failed.most:
             states, _ = self.tables.intact.split(states)
-        for group, rounds in self._begin_round(states) if turn == 0 else ((states, 0),):
-            for place, each in self._by_machine(turn, group):
-                yield place, each, rounds
+        groups = self._begin_round(states) if turn == 0 else ((self._pass_to(turn, states), 0),)
+        for group, rounds in groups:
+            for at, each in self._by_turn(turn, group):
+                yield at, each, rounds
+
+    def _pass_to(self, turn: int, states: States) -> States:
+        """Let the time pass until a turn of the round is due."""
+        for tick in self.tables.passing[turn]:
+            states, _ = tick.apply(states)
+        return states
 
     def _begin_round(self, states: States) -> Iterator[tuple[States, int]]:
         """Drop states in which no machine can keep the execution alive; start rounds in others."""
@@ -151,27 +160,33 @@ class Search:
             if not len(states):
                 return
 
-    def _by_machine(self, turn: int, states: States) -> Iterator[tuple[int, States]]:
-        """Give states to the first machine from `turn` on that is loaded; others are dropped."""
-        for place in range(turn, self._last + 1):
-            if place not in self.tables.leavers:
-                if len(states):
-                    yield place, states
-                return
-            here, states = self.tables.loaded[place].split(states)
+    def _by_turn(self, turn: int, states: States) -> Iterator[tuple[int, States]]:
+        """Give states to the first turn from `turn` on whose machine is loaded; drop others."""
+        for at in range(turn, len(self._places)):
+            if at > turn:
+                states = self._pass_to(at, states)
+            here, states = self._loaded(at, states)
             if len(here):
-                yield place, here
-
-    def _to_turns(self, place: int, states: States) -> Iterator[tuple[int, States]]:
-        """Sort states after a machine's turn by whose turn is next."""
-        for after in range(place + 1, self._last + 1):
-            if after not in self.tables.leavers:
-                if len(states):
-                    yield after, states
+                yield at, here
+            if not len(states):
                 return
-            here, states = self.tables.loaded[after].split(states)
+
+    def _loaded(self, turn: int, states: States) -> tuple[States, States]:
+        """Split states into those in which the machine of a turn is loaded, and others."""
+        place = self._places[turn]
+        if place not in self.tables.leavers:
+            return states, states[:0]
+        return self.tables.loaded[place].split(states)
+
+    def _to_turns(self, at: int, states: States) -> Iterator[tuple[int, States]]:
+        """Sort states after a turn by which is next; those of machines that have left pass."""
+        for after in range(at + 1, len(self._places)):
+            here, states = self._loaded(after, states)
             if len(here):
                 yield after, here
+            if not len(states):
+                return
+            states = self._pass_to(after, states)
         if len(states):
             forgotten = self.tables.forgotten
             yield 0, states if forgotten is None else forgotten.apply(states)[0]
@@ -196,7 +211,8 @@ class Search:
         tables = self.tables
         system = tables.system
         contents = list(system.contents(sorted(system.domains), system.withheld))
-        for place, group, rounds in self._ready(turn, self.tables.packing.states([state])):
+        for at, group, rounds in self._ready(turn, self.tables.packing.states([state])):
+            place = self._places[at]
             for number, ready in enumerate(group):
                 begins = turn == 0 and tables.rounds is not None
                 chosen = contents[number % len(contents)] if begins else ()
@@ -205,9 +221,10 @@ class Search:
                         outcome.restarted,
                         self.tables.packing.states([ready & keep | put]),
                     )
-                    for next_turn, (after,) in self._to_turns(place, found):
+                    for next_turn, (after,) in self._to_turns(at, found):
                         yield Successor(
-                            *(place, rounds, chosen, choice, ready, restarted, next_turn, after)
+                            *(place, rounds, chosen, choice, ready, restarted, next_turn, after),
+                            at,
                         )
 
     def path(self, turn: int, state: int) -> list[Successor]:

@@ -91,7 +91,7 @@ class Decisions:
         self._doubtful: set[Property] = set()  # the way that was found is not possible in time
         self._ways: dict[Property, Way] = {}  # those that are possible instead
         self._settled: bool | None = None  # True once all of them were found, False if given up
-        self._any_time = system.time_model.period_ns is None
+        self._any_time = system.time_model.unit_ns is None
 
     @property
     def seconds(self) -> float:
@@ -266,10 +266,11 @@ class Decisions:
             witness = self._witnesses.get(prop)
             return Verdict(prop, (witness is None) if known else None, witness)
         else:
-            period_ns = self._system.time_model.period_ns
-            assert period_ns is not None  # else any time may pass
-            rounds = round(prop.within_ms * 1e6) // period_ns
-            lasso = late_response(search, sources, responses, rounds)
+            unit_ns = self._system.time_model.unit_ns
+            assert unit_ns is not None  # else any time may pass
+            self._system.require_all_stay(prop)
+            units = round(prop.within_ms * 1e6) // unit_ns
+            lasso = late_response(search, sources, responses, units)
         return self._lasso_verdict(prop, search, lasso)
 
     def _decide_forever(self, prop: Property, search: Search) -> Verdict:
@@ -333,14 +334,15 @@ class Decisions:
         number = passed = 0
         turns: list[ChosenTurn] = []
         begins = True
-        period_ns = self._system.time_model.period_ns
+        system = self._system
         whole = [*steps, *search.rest_of_round(steps)]
-        times = times_of(search, whole, pause) if period_ns is None else None
+        times = times_of(search, whole, pause) if self._any_time else None
         for step in whole:
             number += begins
             begins = step.turn == 0
             passed += step.rounds
-            time_ns = (period_ns or 0) * passed if times is None else times[number - 1]
+            due_ns = system.time_model.begin_ns(passed) + system.order[step.at].start_ns
+            time_ns = due_ns if times is None else times[number - 1]
             turns.append(_turn_of(search.tables, step, number, time_ns))
         self._system.ringlets.deadline.at_s = self._deadline_s
         return Witness(tuple(turns[: len(steps)]), tuple(turns[len(steps) :]))

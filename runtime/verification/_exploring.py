@@ -25,11 +25,12 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
 
 from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.engine.schedule import Timetable
 from llfsm.runtime.verification._breadth_first import search_states
 from llfsm.runtime.verification._deciding import Decisions
 from llfsm.runtime.verification._ringlets import ENDINGS
 from llfsm.runtime.verification._system import System
-from llfsm.runtime.verification._time_model import AnyTime, Periods, TimeModel
+from llfsm.runtime.verification._time_model import AnyTime, Periods, Slots, TimeModel
 from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
@@ -59,6 +60,7 @@ class ExploreOptions(TypedDict, total=False):
     """The options of `explore`, which says what they do; those of `verify` are the same."""
 
     period_ms: float | None
+    timetable: Timetable | None
     any_time: bool
     skips: bool
     sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
@@ -77,6 +79,7 @@ def explore(
     machines: Factory | Iterable[Factory | Member],
     *,
     period_ms: float | None = None,
+    timetable: Timetable | None = None,
     any_time: bool = False,
     skips: bool = False,
     sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None = None,
@@ -100,6 +103,7 @@ def explore(
         machines: machine classes, functions that return a machine, or a `Member` for each.
         period_ms: the time from one round to the next. Without one, any may pass, also none: then
             `leads_to` without `within_ms` and `eventually_always` cannot be decided.
+        timetable: when each machine has its turns, instead of a period; rounds are its cycles.
         any_time: True to say so.
         skips: True to let any number of rounds be left out, as in runs that are far behind.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
@@ -126,8 +130,13 @@ def explore(
     """
     asked = _check_properties(properties)
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
-    members = (*members_of(machines), *map(Member, watching))
-    time_model = _time_model(period_ms, asked, any_time=any_time, skips=skips)
+    given = members_of(machines, sort=timetable is None)
+    members = (*given, *map(Member, watching))
+    watchers = [machine.__name__ for machine in watching]
+    schedule = period_ms if timetable is None else timetable
+    if timetable is not None and period_ms is not None:
+        raise OptionError("give period_ms or a timetable, not both")
+    time_model = _time_model(schedule, asked, watchers, any_time=any_time, skips=skips)
     if on_error not in ("stop", "suspend"):
         raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
     if choices not in ("turns", "rounds"):
@@ -267,30 +276,39 @@ def _lines(verdict: Verdict, why: str) -> Iterator[str]:
 
 
 def _time_model(
-    period_ms: float | None, asked: list[Property], *, any_time: bool, skips: bool
+    schedule: float | Timetable | None,
+    asked: list[Property],
+    watchers: list[str],
+    *,
+    any_time: bool,
+    skips: bool,
 ) -> TimeModel:
-    if any_time and period_ms is not None:
-        raise OptionError("give period_ms, or any_time=True")
-    if period_ms is None:
-        if skips:
-            raise OptionError("skips leaves out rounds of a period: give period_ms, too")
+    if any_time and schedule is not None:
+        given = "a timetable" if isinstance(schedule, Timetable) else "period_ms"
+        raise OptionError(f"give {given}, or any_time=True")
+    if skips and not isinstance(schedule, int | float):
+        raise OptionError("skips leaves out rounds of a period: give period_ms, too")
+    if schedule is None:
         for prop in asked:
             if prop.within_ms is None and prop.kind in ("leads_to", "eventually_always"):
                 raise OptionError(
                     f"{prop}: {prop.kind} needs a period (period_ms, --period-ms, or period_us in "
-                    f"a file), as without one any time may pass, also none at all, and then "
-                    f"nothing need follow; decide it by itself, and the rest at any time"
+                    f"a file) or a timetable, as without one any time may pass, also none at all, "
+                    f"and then nothing need follow; decide it by itself, and the rest at any time"
                 )
         return AnyTime()
-    if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:
-        raise OptionError(f"period_ms is {period_ms!r}; it must be a number, 1e-6 or more")
+    timed = isinstance(schedule, Timetable)
+    if not timed and not (isinstance(schedule, int | float) and 1e-6 <= schedule < inf):
+        raise OptionError(f"period_ms is {schedule!r}; it must be a number, 1e-6 or more")
     for prop in asked:
         if skips and prop.within_ms is not None:
             raise OptionError(
                 f"{prop}: with skips any response may be late, as any number of rounds is left "
                 f"out; decide it without"
             )
-    return Periods(round(period_ms * 1e6), skips=skips)
+    if isinstance(schedule, Timetable):
+        return Slots(schedule, watching=watchers)
+    return Periods(round(schedule * 1e6), skips=skips)
 
 
 def _check_properties(properties: Iterable[Property]) -> list[Property]:

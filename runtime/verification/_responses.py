@@ -1,7 +1,7 @@
 """Responses that must come, ways that must stay: lassos without responses, regions with no way out.
 
 *Liveness* (`late_response`, `no_response`). From the states in which a response is due, the search
-goes on without those that respond. With a time limit, a way on which too many rounds begin violates
+goes on without those that respond. With a time limit, a way on which a turn is due later violates
 the property. Without one, a cycle does, or an end of the execution. Cycles are in the strongly
 connected components of the graph (Tarjan 1972); assumptions are fairness: a component counts if it
 has a state for each (the acceptance of a generalized Büchi automaton). The counterexample is a
@@ -77,9 +77,10 @@ class Lasso(NamedTuple):
 
 
 def late_response(
-    search: Search, sources: Sources, responses: Responses, rounds: int
+    search: Search, sources: Sources, responses: Responses, units: int
 ) -> Lasso | None:
-    """Find the shortest way on which more than `rounds` rounds begin without a response."""
+    """Find the shortest way on which a turn is due after more units without a response."""
+    order = search.tables.system.order
     waited: dict[Node, int] = {}
     parents: dict[tuple[Node, int], tuple[Node, int] | None] = {}
     level: list[tuple[Node, int]] = []
@@ -95,14 +96,14 @@ def late_response(
                 continue
             waited[node] = passed
             turn, state, stage = node
-            after_round = passed + (turn == 0)
+            until_due = passed + order[turn].units
             if search.tables.may_end(turn, state):
                 return Lasso(_way((node, passed), parents), [], ends=True)
-            if after_round > rounds:
+            if until_due > units:
                 late = *search.after(turn, state)[0], stage
                 return Lasso([*_way((node, passed), parents), late], [])
             for after in responses.silent(search, node):
-                item = after, after_round
+                item = after, until_due
                 if item not in parents:
                     parents[item] = node, passed
                     level.append(item)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
-from itertools import islice, product
+from itertools import islice, pairwise, product
 from math import floor, prod
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -35,6 +35,7 @@ from llfsm.runtime.verification.properties import defaults_of
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.verification.properties import Property
     from llfsm.whiteboard import Slot
 
 
@@ -104,6 +105,8 @@ class System:
         )
         self.learning = self.ringlets.learning
         self.names = list(self.ringlets.places)
+        self.order = time_model.order([*self._groups()])
+        """The turns of a round."""
         self.watchers = range(len(self.names) - watchers, len(self.names))
         """The places of the monitors, which are the last machines."""
         for name in sorted(self.suspend) if not self.learning else ():
@@ -119,13 +122,19 @@ class System:
         self.looks: list[set[int]] = [set() for _ in self.names]
         """For each machine, the inner ones whose variables it looks at or changes."""
         self.leavers = set(self.ringlets.inner)
+        """The machines that were found to leave the arrangement; inner ones are there at times."""
         self.standing: set[int] = set()
         """The places of machines that may be suspended in a state in which they go on in place."""
-        """The machines that were found to leave the arrangement; inner ones are there at times."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
         self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
         """A kept ringlet of each kind: from where to where, by which request and transition."""
         self._connect(sensors)
+
+    def _groups(self) -> Iterator[tuple[str, list[int]]]:
+        """Yield the name of each outermost machine, with its place and those of inner ones."""
+        outermost = [n for n in range(len(self.names)) if n not in {*self.ringlets.inner}]
+        for begin, end in pairwise([*outermost, len(self.names)]):
+            yield self.names[begin], list(range(begin, end))
 
     def _connect(self, sensors: Mapping[Slot[Any] | str, Iterable[Any]]) -> None:
         self.reads: list[dict[str, str]] = []
@@ -256,7 +265,7 @@ class System:
                 if slot in self.domains:
                     self.withheld.add(slot)
                 elif age_ns is not None:
-                    if self.time_model.period_ns is None:
+                    if self.time_model.unit_ns is None:
                         raise UnsupportedError(
                             f"{what}, and machines post to it: whether a message is too old is "
                             f"only known with a period: give period_ms (--period-ms)"
@@ -271,10 +280,10 @@ class System:
                     f'message may be too old for one of them alone; leave out choices="rounds"'
                 )
 
-    def is_stale(self, place: int, slot: str, periods: int) -> bool:
-        """Check that a message posted so many periods ago is too old for a machine."""
-        limit_ns, period_ns = self.freshness[place].get(slot), self.time_model.period_ns
-        return limit_ns is not None and period_ns is not None and periods * period_ns > limit_ns
+    def is_stale(self, place: int, slot: str, units: int) -> bool:
+        """Check that a message posted so many units of time ago is too old for a machine."""
+        limit_ns, unit_ns = self.freshness[place].get(slot), self.time_model.unit_ns
+        return limit_ns is not None and unit_ns is not None and units * unit_ns > limit_ns
 
     # The choices of the environment
 
@@ -499,6 +508,19 @@ class System:
         none = Limits()
         return self.limits[place].get(control.remembered, none) if control.stood else none
 
+    def require_all_stay(self, prop: Property) -> None:
+        """Refuse a time limit under a timetable in which a turn may be left out.
+
+        A state does not have the time of its last turn, which then may be one of several.
+        """
+        if any(turn.units for turn in self.order[1:]):
+            for place in sorted(self.leavers - {*self.ringlets.inner}):
+                raise UnsupportedError(
+                    f"{prop}: {self.names[place]} leaves the arrangement, and then its turns of "
+                    f"the timetable are left out: within_ms is not decided so; let it stay "
+                    f"(unload_accepting = false)"
+                )
+
     def clock_stops(self, place: int, state: str) -> bool:
         """Check that the clock of a state stands still while its machine is suspended."""
         seat = self.ringlets.seats[place]
@@ -514,7 +536,7 @@ class System:
         declared = self.ringlets.seats[place].table.states
         names = [s.name for s in declared if s.resume == "in_place"]
         asked = [name for name in names if self.limits[place].get(name)]
-        if asked and self.time_model.period_ns is None:
+        if asked and self.time_model.unit_ns is None:
             raise UnsupportedError(
                 f"{self.names[place]} may be suspended in {asked[0]}, where it asks for the time, "
                 f"and goes on there in place: this is only explored with a period: give period_ms "

@@ -134,9 +134,12 @@ class Tables:
         ]
         self.turns = [packing.table(self._masks[n], self._turn_filler(n)) for n in places]
         """For each machine, the effects of its turn, each once; they weigh as much as all do."""
-        most = max(map(system.most_time, places))
-        self.ticks = [(n, self._ticks(n)) for n in system.time_model.rounds(most)]
+        rounds = system.time_model.rounds(max(map(system.most_time, places)))
+        first, *others = (turn.units for turn in system.order)
+        self.ticks = [(n, self._ticks(n * first)) for n in rounds]
         """How many rounds after the one before a round may begin, and the time that passes then."""
+        self.passing = [[], *(self._ticks(units) if units else [] for units in others)]
+        """The time that passes before each turn but the first of a round."""
         self._dispensable, self.settled = (
             [
                 packing.filter(
@@ -284,9 +287,9 @@ class Tables:
         (shift, most), time_model = self._elapsed[place], self.system.time_model
         if not most:
             return None
-        period_ns = time_model.period_ns
-        if period_ns is not None:
-            return lambda key: (key >> shift & most) * period_ns
+        unit_ns = time_model.unit_ns
+        if unit_ns is not None:
+            return lambda key: (key >> shift & most) * unit_ns
         return lambda key: time_model.elapsed_ns(key >> shift & most, self._limits(place, key))
 
     def control(self, place: int, state: int) -> ControlState:
@@ -297,7 +300,7 @@ class Tables:
 
     def _stood_ns(self, place: int, key: int) -> int:
         """Return the time in the state in which a machine stands, in ns."""
-        return self._stood[place].of(key) * (self.system.time_model.period_ns or 0)
+        return self._stood[place].of(key) * (self.system.time_model.unit_ns or 0)
 
     def _stood_limits(self, place: int, key: int) -> Limits:
         return self.system.stood_limits(place, self.control(place, key))
@@ -414,56 +417,56 @@ class Tables:
             return self._stood[place].of(key)
         return self._elapsed[place].of(key) if self.system.stood_limits(place, after) else 0
 
-    def _ticks(self, rounds: int) -> list[EffectTable]:
-        """Make the tables of the time that passes until a round so many after the one before."""
+    def _ticks(self, units: int) -> list[EffectTable]:
+        """Make the tables of the time that passes, of so many units."""
         clocks = [
-            self.packing.table(control.mask | elapsed.mask, self._tick_filler(place, rounds))
+            self.packing.table(control.mask | elapsed.mask, self._tick_filler(place, units))
             for place, (control, elapsed) in enumerate(
                 zip(self.controls, self._elapsed, strict=True)
             )
             if elapsed.most
         ]
         ages = [
-            self.packing.table(age.mask | self._slots[slot].mask, self._age_filler(slot, rounds))
+            self.packing.table(age.mask | self._slots[slot].mask, self._age_filler(slot, units))
             for slot, age in self._ages.items()
         ]
         stood = [
-            self.packing.table(control.mask | stood.mask, self._stood_filler(place, rounds))
+            self.packing.table(control.mask | stood.mask, self._stood_filler(place, units))
             for place, (control, stood) in enumerate(zip(self.controls, self._stood, strict=True))
             if stood.most
         ]
         return clocks + ages + stood
 
-    def _tick_filler(self, place: int, rounds: int) -> Fill:
+    def _tick_filler(self, place: int, units: int) -> Fill:
         field, time_model = self._elapsed[place], self.system.time_model
         keep = self.packing.all & ~field.mask
 
         def passed(key: int) -> tuple[int, tuple[Effect, ...]]:
             number = field.of(key)
-            steps = time_model.steps(number, self._limits(place, key), rounds)
+            steps = time_model.steps(number, self._limits(place, key), units)
             return 1, tuple((keep, number + step << field.shift) for step in steps)
 
         return passed
 
-    def _stood_filler(self, place: int, rounds: int) -> Fill:
+    def _stood_filler(self, place: int, units: int) -> Fill:
         field, system = self._stood[place], self.system
         keep = self.packing.all & ~field.mask
 
         def passed(key: int) -> tuple[int, tuple[Effect, ...]]:
             number, limits = field.of(key), self._stood_limits(place, key)
             if limits and not system.clock_stops(place, self.control(place, key).remembered):
-                number += system.time_model.steps(number, limits, rounds)[0]
+                number += system.time_model.steps(number, limits, units)[0]
             return 1, ((keep, number << field.shift),)
 
         return passed
 
-    def _age_filler(self, slot: str, rounds: int) -> Fill:
+    def _age_filler(self, slot: str, units: int) -> Fill:
         field, content = self._ages[slot], self._slots[slot]
         most = self.system.time_model.most(self.system.ages[slot])
         keep = self.packing.all & ~field.mask
 
         def aged(key: int) -> tuple[int, tuple[Effect, ...]]:
-            number = min(field.of(key) + rounds, most) if content.of(key) else 0
+            number = min(field.of(key) + units, most) if content.of(key) else 0
             return 1, ((keep, number << field.shift),)
 
         return aged

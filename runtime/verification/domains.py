@@ -229,7 +229,7 @@ class Member(NamedTuple):
     """A machine to explore: its class, or a function that makes it, and how it is loaded.
 
     `name`, `variables` and `slots` are as for `Arrangement.load`; a `suspended` one is loaded in
-    its suspend state. Suspended members come after the others.
+    its suspend state. Without a timetable, suspended members come after the others.
     """
 
     machine: Factory
@@ -269,8 +269,13 @@ def require_explorable(cls: type[Machine]) -> None:
                 )
 
 
-def members_of(machines: Factory | Member | Iterable[Factory | Member]) -> tuple[Member, ...]:
-    """Make a `Member` of each machine, in order; raise `UnsupportedError` for anything else."""
+def members_of(
+    machines: Factory | Member | Iterable[Factory | Member], *, sort: bool = True
+) -> tuple[Member, ...]:
+    """Make a `Member` of each machine, in order; raise `UnsupportedError` for anything else.
+
+    Those that are suspended come last, as in runs without a timetable, unless not to `sort`.
+    """
     one = callable(machines) or isinstance(machines, Machine | Member)
     listed: list[Any] = [machines] if one else list(machines)  # type: ignore[arg-type]
     members = [each if isinstance(each, Member) else Member(each) for each in listed]
@@ -282,7 +287,7 @@ def members_of(machines: Factory | Member | Iterable[Factory | Member]) -> tuple
             )
     if not members:
         raise UnsupportedError("there are no machines to explore")
-    return tuple(sorted(members, key=lambda member: member.suspended))
+    return tuple(sorted(members, key=lambda member: sort and member.suspended))
 
 
 _EVERY, _NONE = "every", "none"

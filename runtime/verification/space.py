@@ -19,6 +19,7 @@ from llfsm.runtime.verification._breadth_first import Search, Successor
 from llfsm.runtime.verification._predicates import PackedSituation, UnnamedFieldError
 from llfsm.runtime.verification._system import System
 from llfsm.runtime.verification._tables import Tables
+from llfsm.runtime.verification._time_model import timetable_of
 from llfsm.runtime.verification.domains import Member
 from llfsm.runtime.verification.errors import PredicateError, VerificationError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
@@ -44,8 +45,8 @@ class Space:
 
     A state is whose turn is next, at the beginning of a round the first machine's, and: of each
     machine its current, previous and remembered state, its pending request, whether it has accepted
-    and is still loaded, its variables, and for how many periods it has been in its state (0 if it
-    has had no turn there), counted until the longest time that is asked about in that state is
+    and is still loaded, its variables, and for how many periods, or units of a timetable, it has
+    been in its state (0 if it has had no turn there), counted until the longest time that is asked about in that state is
     over, and so for a state in which it is to go on in place; of each slot that a machine posts to
     and some machine reads, or a property names, its content; whether a stop has come. Of a slot
     that the environment writes, the content is part of a state only if a property names it, or in a
@@ -98,6 +99,8 @@ class Space:
         """The schedule of the runs that were explored, in words."""
         self.not_covered = system.time_model.not_covered
         """What runs with this schedule may do that was not explored; "" if there is nothing."""
+        self.timetable = timetable_of(system.time_model)
+        """When each machine has its turns; None without a timetable."""
         self.members = members
         """The machines in their order, and those that watch them."""
         self.aged = frozenset(system.withheld)
@@ -128,7 +131,7 @@ class Space:
         most = max(numbers, key=lambda name: (growth[name], numbers[name]), default="")
         number = numbers.get(most, 0)
         place, limit_ns = system.longest_wait()
-        periods = limit_ns // (system.time_model.period_ns or inf)
+        periods = limit_ns // (system.time_model.unit_ns or inf)
         if number >= _MANY or growth.get(most, 1) > 1 or number > max(1, periods):
             trend = f"; {before.get(most, 0):,} in the first {states:,} states"
             yield (

@@ -358,7 +358,6 @@ def test_an_arrangement_file_says_what_to_verify(llfsm: Llfsm) -> None:
             '[[machine]]\ndefinition = "RosPingPong"\npreload = true\n[verify]',
             "preloaded",
         ),
-        ('name = "left"', "period_us = 1000", "timetables cannot be verified"),
         ("stop = true", "stopp = true", "left.toml:12: verify: there is no key 'stopp'"),
         ("period_ms = 1000", "period_ms = 0", "Expected `float` > 0.0"),
     ],
@@ -367,12 +366,65 @@ def test_a_file_that_cannot_be_verified(
     llfsm: Llfsm, before: str, after: str, message: str
 ) -> None:
     text = PLAN.replace(before, after, 1)
-    if "period_us" in after:
-        text = text.replace('slots = { button = "start" }\n', "")
     (llfsm.cwd / "left.toml").write_text(text)
     done = llfsm.run("verify", "left.toml")
     assert done.returncode == 2
     assert message in done.stderr
+
+
+TIMED = """
+[[machine]]
+definition = "OvenTimer"
+period_us = 1_000_000
+
+[[machine]]
+definition = "OvenCooker"
+period_us = 2_000_000
+start_us = [500_000, 1_000_000]
+
+[[machine]]
+definition = "OvenLamp"
+period_us = 2_000_000
+
+[[machine]]
+definition = "OvenAlarm"
+period_us = 2_000_000
+
+[verify]
+properties = ["timed_props:shut"]
+"""
+
+
+def test_the_timetable_of_a_file_is_that_of_the_proof(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "timed.toml").write_text(TIMED)
+    (llfsm.cwd / "timed_props.py").write_text(
+        "from llfsm.runtime import Machine, Sensor, State\n"
+        "from llfsm.machines.microwave import MOTOR\n"
+        "from llfsm.runtime.verification import monitor\n"
+        "class Turned(Machine):\n"
+        "    motor = Sensor(MOTOR)\n"
+        "    no, bad = State(), State(final=False)\n"
+        "    no.to(bad, when=lambda self: self.motor is not None and self.motor.on)\n"
+        "shut = monitor(Turned, Turned.bad)\n"
+    )
+    done = llfsm.run("verify", "timed.toml", "--record", "t.mcap", "--pytest", "test_t.py")
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.startswith("a timetable of 6 turns every 2000 ms; not covered: cycles")
+    done = llfsm.run("rerun", "t.mcap", "--trust")
+    assert (done.returncode, done.stdout.split()[-3:]) == (0, ["are", "as", "recorded"]), (
+        done.stderr
+    )
+    text = (llfsm.cwd / "test_t.py").read_text()
+    assert "timetable=Timetable([TimeSlot('OvenTimer', 0, 1000000), " in text
+    done = llfsm.run("verify", "timed.toml", "--any-time")
+    assert "runs with the file's own timetable" in done.stdout
+
+
+def test_a_dispatch_table_is_explored(llfsm: Llfsm) -> None:
+    table = "OvenTimer\t2000000\t1000\nOvenCooker\t2000000\t1000\n\n0\t0\n1\t500000\n"
+    (llfsm.cwd / "oven.T").write_text(table)
+    done = llfsm.run("verify", "-T", "oven.T")
+    assert done.stdout.startswith("a timetable of 2 turns every 2000 ms"), done.stderr
 
 
 LONG = """
@@ -445,14 +497,12 @@ def _other(info: Any) -> Any:
 _ASSUMPTIONS = {"watchdog_ms": "no code runs for longer", "on_pause": "no debugger pauses"}
 _REFUSALS = {
     "preload": "cannot be verified",
-    "period_us": "timetables cannot be verified",
-    "deadline_us": "deadline_us",
-    "start_us": "start_us",
 }
 _TAKEN = {
     *("machines", "board", "idle_us", "wake", "period_us", "unload_accepting", "on_error"),
     *("realtime", "cpu", "will_after_ms", "debug_clock", "breakpoints", "verify"),
     *("definition", "name", "suspended", "variables", "slots", "grace_s"),
+    *("deadline_us", "start_us"),
 }
 
 

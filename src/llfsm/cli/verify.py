@@ -26,7 +26,7 @@ from llfsm.cli.options import Integer, Number, file_option
 from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.counterexamples import regression_of, script_of, story_of
 from llfsm.runtime.log import logger
-from llfsm.runtime.plans import Plan, PlannedMachine, Verification
+from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import (
     NO_FAILURE,
     ExploreOptions,
@@ -42,25 +42,33 @@ from llfsm.runtime.verification.domains import domain_of
 from llfsm.runtime.verification.space import EXPORTS, VERDICTS
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.schedule import Timetable
     from llfsm.whiteboard import Slot
 
+_OF_PLANS = frozenset(
+    {
+        *("machines", "period_us", "idle_us", "unload_accepting", "on_error", "verify"),
+        *(
+            "board",
+            "wake",
+            "realtime",
+            "cpu",
+            "debug_clock",
+            "breakpoints",
+            "will_after_ms",
+            "grace_s",
+        ),
+    }
+)
 _COVERED: Final[dict[type, frozenset[str]]] = {
-    Plan: frozenset(
+    Plan: _OF_PLANS,
+    DispatchTable: _OF_PLANS | {"slots"},
+    PlannedMachine: frozenset(
         {
-            *("machines", "period_us", "idle_us", "unload_accepting", "on_error", "verify"),
-            *(
-                "board",
-                "wake",
-                "realtime",
-                "cpu",
-                "debug_clock",
-                "breakpoints",
-                "will_after_ms",
-                "grace_s",
-            ),
+            *("definition", "name", "suspended", "variables", "slots"),
+            *("period_us", "start_us", "deadline_us"),
         }
     ),
-    PlannedMachine: frozenset({"definition", "name", "suspended", "variables", "slots"}),
 }
 """The options of a file that an exploration takes as they are, or that change nothing of it.
 
@@ -73,8 +81,6 @@ _ASSUMED: Final = {
 """What is assumed where such an option is set, as no exploration includes it."""
 _REFUSED: Final = {
     "preload": "is preloaded: machines that load others while they run cannot be verified",
-    "period_us": "has a period of its own: timetables cannot be verified; give one period to all "
-    "machines",
 }
 """Why options cannot be verified. Any that is in none of these tables is refused, too."""
 _EVERYTHING = reachable(lambda _: False, "every state")
@@ -121,7 +127,14 @@ def _json(text: str) -> Any:
 
 
 @click.command()
-@click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
+@click.argument("machines", nargs=-1, metavar="MACHINE...")
+@click.option(
+    "-T",
+    "table",
+    metavar="TABLE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Explore the machines of a dispatch table, each at its times.",
+)
 @click.option(
     "-p",
     "--property",
@@ -184,6 +197,7 @@ def _json(text: str) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def verify(
     machines: tuple[str, ...],
+    table: Path | None,
     recording: Path | None,
     tests: Path | None,
     exports: tuple[Path, ...],
@@ -203,7 +217,7 @@ def verify(
     """
     _check_files(recording, tests, exports)
     try:
-        subject = VerifiedMachines(machines, Verification(**asked))
+        subject = VerifiedMachines(machines, Verification(**asked), table)
         sought = [each.property for each in subject.named]
         with _progress(quiet=as_json) as progress, _unprinted():
             options: ExploreOptions = {**subject.options(), "progress": progress}
@@ -330,10 +344,11 @@ def _write(
                 recording,
                 space.members,
                 script_of(way, space),
-                plan=subject.plan_with(space.members),
+                plan=subject.plan_with(space.members, space.timetable),
                 folder=subject.folder,
                 unload_accepting=space.unload_accepting,
                 on_error=space.on_error,
+                timetable=space.timetable,
             )
         echo(f"{recording}: recorded how {first.property} is violated", err=True)
     if tests is not None:
@@ -364,8 +379,8 @@ class _Named(NamedTuple):
 class VerifiedMachines:
     """Machines and properties to decide; the options `asked` go before those of a file."""
 
-    def __init__(self, machines: Sequence[str], asked: Verification):
-        resolved = parse_arguments(machines)
+    def __init__(self, machines: Sequence[str], asked: Verification, table: Path | None = None):
+        resolved = parse_arguments(machines, table)
         self.assumed = tuple(assumed_of(resolved.plan))
         """What is assumed because of options of a file, in words."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]
@@ -376,25 +391,50 @@ class VerifiedMachines:
         wanted = _joined(resolved.plan.verify or Verification(), asked)
         self.wanted = wanted
         self.period_ms = _period_ms(wanted, resolved)
-        self.not_covered = tuple(_other_runs(self.period_ms, resolved.plan.period_us))
+        self.timetable = resolved.plan.timetable(resolved.classes)
+        """When each machine has its turns; None unless the exploration is to have it."""
+        self.not_covered = tuple(self._other_runs())
         """Runs of these machines that have another schedule, in words."""
         named = {NO_FAILURE: _Named("llfsm.runtime.verification:NO_FAILURE", NO_FAILURE)}
         for each in self._properties(wanted.properties):  # which may name one twice
             named.setdefault(each.property, each)
         self.named = [*named.values()]
 
-    def plan_with(self, members: Sequence[Member]) -> Plan:
-        """Make the plan by which the machines run again: without times, but with the monitors."""
+    def plan_with(self, members: Sequence[Member], timetable: Timetable | None) -> Plan:
+        """Make the plan by which the machines run again, with the monitors, and no period.
+
+        With the `timetable` of all of them it is a dispatch table.
+        """
         plan = self._resolved.plan
         watching = [each.machine for each in members[len(self.members) :]]
         more = [PlannedMachine(definition=f"{m.__module__}:{m.__qualname__}") for m in watching]
-        return replace(plan, period_us=None, verify=None, machines=(*plan.machines, *more))
+        machines = (*plan.machines, *more)
+        names = [*self._resolved.classes, *(m.__name__ for m in watching)]
+        if timetable is None:
+            untimed = {"period_us": None, "deadline_us": None, "start_us": 0}
+            machines = tuple(replace(each, **untimed) for each in machines)
+            return replace(plan, period_us=None, verify=None, machines=machines)
+        same = {n: getattr(plan, n) for n in Plan.__struct_fields__}
+        slots = tuple((names.index(s.machine), s.start_us) for s in timetable.slots)
+        return DispatchTable(**{**same, "verify": None, "machines": machines, "slots": slots})
+
+    def _other_runs(self) -> Iterator[str]:
+        """Say that a run of the same machines has another schedule than that which is asked for."""
+        period_ms, period_us = self.period_ms, self._resolved.plan.period_us
+        if self.timetable is not None and (period_ms is not None or self.wanted.any_time):
+            self.timetable = None
+            yield "runs with the file's own timetable"
+        elif period_ms is not None and period_us is None:
+            yield "runs without a period, as llfsm run has by itself"
+        elif period_ms is not None and period_us is not None and period_ms * 1e3 != period_us:
+            yield f"runs with the file's own period, {period_us / 1e3:g} ms"
 
     def options(self) -> ExploreOptions:
         """List the arguments of `explore`, without machines and properties."""
         wanted = self.wanted
         return {
             "period_ms": self.period_ms,
+            "timetable": self.timetable,
             "any_time": wanted.any_time,
             "skips": wanted.skips,
             "sensors": dict(self._sensors(wanted.sensors)),
@@ -482,14 +522,6 @@ def _period_ms(wanted: Verification, resolved: ResolvedPlan) -> float | None:
     if wanted.any_time or wanted.period_ms is not None or period_us is None:
         return wanted.period_ms  # an error, if the command line has both
     return period_us / 1e3
-
-
-def _other_runs(period_ms: float | None, period_us: int | None) -> Iterator[str]:
-    """Say that a run of the same machines has another period than that which is asked for."""
-    if period_ms is not None and period_us is None:
-        yield "runs without a period, as llfsm run has by itself"
-    elif period_ms is not None and period_us is not None and period_ms * 1e3 != period_us:
-        yield f"runs with the file's own period, {period_us / 1e3:g} ms"
 
 
 def _joined(file: Verification, asked: Verification) -> Verification:
