@@ -111,7 +111,9 @@ class _Reader:
         transitions = [self.transition(each) for each in state.transitions]
         place = self.place_of(state)
         goes_on = state.final and "Internal" in state.sections
-        return CheckedState(state.name, place, transitions, goes_on)
+        entry = state.sections.get("OnEntry")
+        on_entry = None if entry is None else self.code(entry)
+        return CheckedState(state.name, place, transitions, goes_on, on_entry)
 
     def place_of(self, state: State) -> Place:
         called = (name for name, value in vars(self.cls).items() if value is state)

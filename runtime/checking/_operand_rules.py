@@ -116,10 +116,15 @@ def _is_sensor(piece: Piece, name: str) -> bool:
 
 
 def _used(part: ast.AST) -> Iterator[tuple[str, ast.expr]]:
-    """Find what has its attributes read in some code, and where."""
+    """Find what has its attributes read in some code, is computed with or ordered, and where."""
     for each in ast.walk(part):
-        if isinstance(each, ast.Attribute):
-            yield ast.unparse(each.value), each
+        match each:
+            case ast.Attribute(value):
+                yield ast.unparse(value), each
+            case ast.BinOp(left, op, right) if not isinstance(op, ast.Mod | ast.BitOr):
+                yield from ((ast.unparse(one), each) for one in (left, right))
+            case ast.Compare(left, [op], [right]) if isinstance(op, _ORDERS):
+                yield from ((ast.unparse(one), each) for one in (left, right))
 
 
 def _looked_at_again(*parts: ast.AST) -> set[str]:
@@ -129,6 +134,8 @@ def _looked_at_again(*parts: ast.AST) -> set[str]:
         match each:
             case ast.BoolOp(_, values):
                 found += values
+            case ast.Compare(_, [op]) if isinstance(op, _ORDERS):
+                pass  # which None does not survive
             case ast.Compare(one) | ast.IfExp(one) | ast.If(one) | ast.While(one):
                 found.append(one)
             case ast.UnaryOp(ast.Not(), one) | ast.NamedExpr(one):

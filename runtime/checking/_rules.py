@@ -17,6 +17,7 @@ from llfsm.runtime.checking._time_rules import (
     repeated_guards,
     restarted_times,
 )
+from llfsm.runtime.checking._value_rules import recursions, returned_values
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.expressions.assignment import unassigned
 from llfsm.runtime.expressions.reads import REQUESTS, Code, Uses, nodes_of, uses_of
@@ -30,6 +31,7 @@ def findings_of(subject: Subject) -> list[Finding]:
         *(_unreachable, _dead, _unused, _unknown, _forgotten, _uninitialised),
         *(_guards, _unassigned, _single),
         *(endless_loops, contradictory_times, repeated_guards, restarted_times),
+        *(recursions, returned_values),
     )
     return sorted({finding for rule in rules for finding in rule(subject)})
 

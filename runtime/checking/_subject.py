@@ -57,6 +57,7 @@ class CheckedState(NamedTuple):
     where: Place
     transitions: Sequence[CheckedTransition]
     goes_on: bool = False
+    on_entry: Code | None = None
 
 
 @dataclass

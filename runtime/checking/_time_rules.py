@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from llfsm.runtime.checking._subject import CheckedTransition, Finding, Piece, Subject
 from llfsm.runtime.expressions.reads import CLOCK, Code, nodes_of
-from llfsm.runtime.expressions.types import MISSING
+from llfsm.runtime.expressions.types import MISSING, Options
 
 # Code that waits
 
@@ -84,9 +84,18 @@ _METHODS: Final[Sequence[tuple[type, frozenset[str]]]] = (
     (threading.Barrier, frozenset({"wait"})),
     (threading.Thread, frozenset({"join"})),
     (subprocess.Popen, frozenset({"wait", "communicate"})),
-    (socket.socket, frozenset({"accept", "connect", "recv", "recvfrom"})),
+    (socket.socket, frozenset({"accept", "connect", "recv", "recvfrom", "sendall"})),
     (concurrent.futures.Future, frozenset({"result", "exception"})),
 )
+_OF_PACKAGES: Final = {
+    "requests": {"delete", "get", "head", "patch", "post", "put", "request"},
+    "httpx": {"delete", "get", "head", "patch", "post", "put", "request"},
+    "rclpy": {"spin", "spin_once", "spin_until_future_complete"},
+}
+_METHODS_OF_PACKAGES: Final = {
+    ("serial", "Serial"): {"flush", "read", "read_until", "readline", "readlines"},
+    ("requests", "Session"): {"delete", "get", "patch", "post", "put", "request"},
+}
 _WITHOUT: Final = frozenset({"block", "blocking", "timeout"})
 
 
@@ -96,10 +105,9 @@ def of_waiting(piece: Piece, node: ast.Call) -> Iterator[Finding]:
     if function is time.sleep:
         yield piece.finding(node, "warning", _SLEEPS)
         return
-    waits = any(function is each for each in _FUNCTIONS)
+    waits = any(function is each for each in _FUNCTIONS) or _is_of_a_package(function)
     if isinstance(node.func, ast.Attribute) and not waits:
-        found = piece.types.value_of(node.func.value)
-        options = piece.types.of(node.func.value) if found is MISSING else (type(found),)
+        options = _made_or_known(piece, node.func.value)
         waits = bool(options) and all(_waits(each, node.func.attr) for each in options)
     given = [*node.args, *(each.value for each in node.keywords if each.arg in _WITHOUT)]
     at_once = any(isinstance(each, ast.Constant) and not each.value for each in given)
@@ -109,8 +117,30 @@ def of_waiting(piece: Piece, node: ast.Call) -> Iterator[Finding]:
         yield piece.finding(node, "warning", text)
 
 
+def _made_or_known(piece: Piece, node: ast.expr) -> Options:
+    """Type an expression; also one that calls a class, there or where a name gets its value."""
+    if isinstance(node, ast.Name) and (value := piece.types.assigned(node.id)) is not None:
+        return _made_or_known(piece, value)
+    if isinstance(node, ast.Call):
+        made = piece.types.value_of(node.func)
+        if isinstance(made, type):
+            return (made,)
+        return piece.types.of(node)
+    found = piece.types.value_of(node)
+    return piece.types.of(node) if found is MISSING else (type(found),)
+
+
+def _is_of_a_package(function: Any) -> bool:
+    """Check for a function of a well-known package that waits, without importing it."""
+    package = str(getattr(function, "__module__", "")).partition(".")[0]
+    return getattr(function, "__name__", "") in _OF_PACKAGES.get(package, ())
+
+
 def _waits(kind: Any, method: str) -> bool:
-    return isinstance(kind, type) and any(
+    if not isinstance(kind, type):
+        return False
+    package = kind.__module__.partition(".")[0]
+    return method in _METHODS_OF_PACKAGES.get((package, kind.__name__), ()) or any(
         issubclass(kind, each) and method in methods for each, methods in _METHODS
     )
 

@@ -20,6 +20,7 @@ import msgspec
 from llfsm.errors import did_you_mean
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking import _operand_rules as operand_rules
+from llfsm.runtime.checking import _value_rules as value_rules
 from llfsm.runtime.checking._subject import Finding, Piece, Subject
 from llfsm.runtime.checking._time_rules import of_waiting
 from llfsm.runtime.engine.errors import DefinitionError
@@ -109,6 +110,7 @@ def typed_findings(subject: Subject, table: Table) -> list[Finding]:
     """Apply the rules that need types; sort what they find by file and line."""
     found = {*_of_defaults(subject, table), *of_ports(subject, table)}
     found.update(operand_rules.of_optional(subject, table))
+    found.update(value_rules.own_posts(subject, table))
     for code in subject.all_code():
         piece = Piece(code, Types(code, table), table)
         for node in nodes_of(code):
@@ -433,6 +435,17 @@ _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     ((ast.Assign, ast.AnnAssign), operand_rules.of_hidden),
     ((ast.Assign, ast.Call), operand_rules.of_text),
     ((ast.FormattedValue, ast.Call), operand_rules.of_format),
+    (ast.Call, value_rules.of_arguments),
+    (ast.Call, value_rules.of_called),
+    (ast.Raise, value_rules.of_raised),
+    ((ast.For, ast.comprehension), value_rules.of_pairs),
+    ((ast.BinOp, ast.Compare), value_rules.of_none_operand),
+    (ast.Subscript, value_rules.of_key),
+    (ast.UnaryOp, value_rules.of_negation),
+    (ast.Delete, value_rules.of_deleted),
+    (ast.For, value_rules.of_changed_loop),
+    (ast.Attribute, value_rules.of_default),
+    (ast.If, value_rules.of_branches),
 ]
 
 

@@ -305,9 +305,8 @@ class _Checker:
         listed = [line.strip() for line in states.read_text("utf-8-sig").splitlines()]
         for state in bundle.states:
             within = self.scope(state, scope)
-            for fragment in state.sections.values():
-                if code := self.code(fragment, within):
-                    self.result.sections.append(code)
+            sections = {name: self.code(text, within) for name, text in state.sections.items()}
+            self.result.sections += [code for code in sections.values() if code]
             for fragment in state.run_texts(bundle.folder):
                 self.result.sections += self.given(fragment, within)
             transitions = [
@@ -317,7 +316,9 @@ class _Checker:
             place = Place(str(states), listed.index(state.name) + 1)
             internal = state.sections.get("Internal")
             goes_on = state.final and internal is not None and bool(internal.text.strip())
-            self.result.states.append(CheckedState(state.name, place, transitions, goes_on))
+            on_entry = sections.get("OnEntry")
+            checked = CheckedState(state.name, place, transitions, goes_on, on_entry)
+            self.result.states.append(checked)
         return self.result
 
     def file(self, name: str) -> Path:

@@ -302,16 +302,25 @@ def _is_ours(function: FunctionType) -> bool:
 def unbound_names(function: Callable[..., Any]) -> Iterator[tuple[str, int]]:
     """Yield the names that `function` reads and that nothing defines, with their lines.
 
-    A name that the function itself makes global counts as defined. One of its own that it only
-    ever changes, as by ``count += 1``, does not.
+    A name that the function itself makes global counts as defined. One that it only ever changes,
+    as by ``count += 1``, does not, global or its own.
     """
     instructions = [*_instructions(function.__code__)]
-    made = {each.argval for each in instructions if each.opname == "STORE_GLOBAL"}
+    made = {
+        each.argval
+        for before, each in pairwise([None, *instructions])
+        if each is not None and each.opname == "STORE_GLOBAL" and not _is_changed(before)
+    }
     known = made | function.__globals__.keys() | vars(builtins).keys()
     for each in instructions:
         if each.opname == "LOAD_GLOBAL" and each.argval not in known:
             yield each.argval, _line(each)
     yield from _only_changed(function.__code__)
+
+
+def _is_changed(before: dis.Instruction | None) -> bool:
+    """Check that what is stored after an instruction was made of the same name, as by `+=`."""
+    return before is not None and before.opname == "BINARY_OP" and before.argrepr.endswith("=")
 
 
 def _only_changed(code: CodeType) -> Iterator[tuple[str, int]]:
@@ -324,7 +333,7 @@ def _only_changed(code: CodeType) -> Iterator[tuple[str, int]]:
             # From Python 3.13 on, an instruction may have two names.
             name, *others = (each.argval,) if isinstance(each.argval, str) else each.argval
             made.update(others)
-            if before.opname == "BINARY_OP" and before.argrepr.endswith("="):
+            if _is_changed(before):
                 changed.setdefault(name, _line(each))
             else:
                 made.add(name)

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from datetime import date
 from enum import Enum
 from functools import cache
-from types import FunctionType, MethodType, ModuleType, NoneType, UnionType
+from types import FunctionType, GeneratorType, MethodType, ModuleType, NoneType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -30,7 +31,7 @@ from typing import (
 import msgspec
 
 from llfsm.runtime.engine.table import Table
-from llfsm.runtime.expressions.reads import Code, assigned_values
+from llfsm.runtime.expressions.reads import Code, assigned_values, nodes_of
 
 Options: TypeAlias = tuple[Any, ...]
 
@@ -41,11 +42,14 @@ PLAIN: Final = NUMBERS | {str, NoneType}
 BUILT_IN: Final = NUMBERS | {bytes, dict, frozenset, list, set, str, tuple}
 _UNKNOWN: Options = ()
 _RESULTS: dict[Callable[..., Any], type] = {
-    all: bool, any: bool, bool: bool, callable: bool, dict: dict, float: float,
-    frozenset: frozenset, hasattr: bool, int: int, isinstance: bool, len: int, list: list,
-    repr: str, set: set, sorted: list, str: str, tuple: tuple,
+    all: bool, any: bool, bool: bool, callable: bool, chr: str, dict: dict, float: float,
+    frozenset: frozenset, hasattr: bool, input: str, int: int, isinstance: bool, len: int,
+    list: list, ord: int, repr: str, set: set, sorted: list, str: str, tuple: tuple,
 }  # fmt: skip
-_DISPLAYS = {ast.Tuple: tuple, ast.List: list, ast.Dict: dict, ast.Set: set, ast.JoinedStr: str}
+_DISPLAYS = {
+    ast.Tuple: tuple, ast.List: list, ast.Dict: dict, ast.Set: set, ast.JoinedStr: str,
+    ast.ListComp: list, ast.DictComp: dict, ast.SetComp: set, ast.GeneratorExp: GeneratorType,
+}  # fmt: skip
 _RETURN_NONE: dict[Any, set[str]] = {
     list: {"append", "clear", "extend", "insert", "remove", "reverse", "sort"},
     set: {"add", "clear", "discard", "remove", "update"},
@@ -128,6 +132,7 @@ class Types:
         self._locals = assigned_values(code)
         self._given = given or {}
         self._under_way: set[str] = set()
+        self._imported = dict(_imported(code))
 
     def of(self, node: ast.expr) -> Options:
         """Infer the types of an expression."""
@@ -168,6 +173,8 @@ class Types:
     def value_of(self, node: ast.expr) -> Any:
         """Find what a name of the module, or of what is in it, stands for; else `MISSING`."""
         match node:
+            case ast.Name(name) if name in self._imported:
+                return self._imported[name]
             case ast.Name(name) if not self.is_own(name):
                 return self._names.get(name, getattr(builtins, name, MISSING))
             case ast.Attribute(value, name):
@@ -233,6 +240,8 @@ class Types:
         called = self.value_of(node.func)
         if is_message(called):
             return (called,)
+        if called is round and len(node.args) == 1 and {*self.of(node.args[0])} <= NUMBERS:
+            return (int,)
         known = isinstance(called, type | type(len)) and called in _RESULTS
         return (_RESULTS[called],) if known else _UNKNOWN
 
@@ -263,6 +272,20 @@ class Types:
             return (bool,)
         known = all(self.of(each) for each in (node.left, *node.comparators))
         return (bool,) if known else _UNKNOWN  # an array's comparison is an array
+
+
+def _imported(code: Code) -> Iterator[tuple[str, Any]]:
+    """Yield what the code imports itself, by its names there; nothing is imported for that."""
+    for node in nodes_of(code):
+        match node:
+            case ast.Import(aliases):
+                for alias in aliases:
+                    name = alias.name if alias.asname else alias.name.partition(".")[0]
+                    yield alias.asname or name, sys.modules.get(name, MISSING)
+            case ast.ImportFrom(str(module), aliases, 0):
+                for alias in aliases:
+                    found = getattr(sys.modules.get(module), alias.name, MISSING)
+                    yield alias.asname or alias.name, found
 
 
 def _joined(several: list[Options]) -> Options:

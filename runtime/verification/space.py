@@ -46,11 +46,11 @@ class Space:
     A state is whose turn is next, at the beginning of a round the first machine's, and: of each
     machine its current, previous and remembered state, its pending request, whether it has accepted
     and is still loaded, its variables, and for how many periods, or units of a timetable, it has
-    been in its state (0 if it has had no turn there), counted until the longest time that is asked about in that state is
-    over, and so for a state in which it is to go on in place; of each slot that a machine posts to
-    and some machine reads, or a property names, its content; whether a stop has come. Of a slot
-    that the environment writes, the content is part of a state only if a property names it, or in a
-    round that has begun if choices are made by rounds.
+    been in its state (0 if it has had no turn there), counted until the longest time that is asked
+    about in that state is over, and so for a state in which it is to go on in place; of each slot
+    that a machine posts to and some machine reads, or a property names, its content; whether a stop
+    has come. Of a slot that the environment writes, the content is part of a state only if a
+    property names it, or in a round that has begun if choices are made by rounds.
 
     There is a transition for each state and all that the environment may do at its turn. A round
     begins with a period that passes. A state has no transitions if code has raised, or if all
