@@ -1,5 +1,7 @@
 """Each line that is marked is a mistake that type checkers find."""
 
+# pyright: strict
+
 from boiler import HEAT, WATER, Boiler, Heat, Water, never_asleep
 
 from llfsm.runtime import Machine, Sensor, State

@@ -1,5 +1,7 @@
 """A user's project: a machine, its surroundings and its proof, under strict type checking."""
 
+# pyright: strict
+
 from typing import assert_type
 
 from llfsm.runtime import Actuator, Machine, Sensor, State
