@@ -124,18 +124,11 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
         for _ in range(2)
     ]
 
-    # Does whoever is not there come there, ever or in so many rounds?
+    # Does whoever is not there come there, ever or in so much time?
     there, there_naively = sought[0]
-    within = [None, *(rounds * situation.period_ms for rounds in range(5))]
-    late = [naive.unanswered(there_naively)]
-    if timetable is None:
-        late += [naive.late(there_naively, rounds) for rounds in range(5)]
-    else:
-        gaps_ns = gaps_ns_of(timetable)
-        within = [None, *(ms for ms in (0, 4, 7, 12, 20) if _all_stay(naive))]
-        late += [naive.late_by(there_naively, ms * 10**6, gaps_ns) for ms in within[1:]]
-    answers = [leads_to(lambda v: not there(v), there, within_ms=ms) for ms in within]
-    expected = [not each for each in late]
+    late = _late_naively(situation, naive, there_naively)
+    answers = [leads_to(lambda v: not there(v), there, within_ms=ms) for ms in late]
+    expected = [not each for each in late.values()]
 
     (asks, asks_naively), _, (response, response_naively), _ = sought
     recurring = (lambda v: v.A.n == 1, lambda v: v[name].state == first)
@@ -167,6 +160,16 @@ def assert_agreement(situation: Situation, *, most: int) -> None:
     assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == decided
     for verdict, (_, of_naive) in zip(space.verdicts[-7::2], sought, strict=True):
         _assert_region(verdict.witness and verdict.witness.region, naive, of_naive)
+
+
+def _late_naively(situation: Situation, naive: Explored, there: Naively) -> dict[float | None, Any]:
+    """Find the states that do not come there ever, and in how many ms others do not."""
+    late = {None: naive.unanswered(there)}
+    if situation.timetable is None:
+        return late | {n * situation.period_ms: naive.late(there, n) for n in range(5)}
+    gaps_ns = gaps_ns_of(situation.timetable)
+    bounds = (0, 4, 7, 12, 20) if _all_stay(naive) else ()
+    return late | {ms: naive.late_by(there, ms * 10**6, gaps_ns) for ms in bounds}
 
 
 def _all_stay(naive: Explored) -> bool:

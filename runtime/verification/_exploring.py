@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import chain
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack, get_args
 
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.schedule import Timetable
@@ -133,19 +133,14 @@ def explore(
     given = members_of(machines, sort=timetable is None)
     members = (*given, *map(Member, watching))
     watchers = [machine.__name__ for machine in watching]
-    schedule = period_ms if timetable is None else timetable
-    if timetable is not None and period_ms is not None:
-        raise OptionError("give period_ms or a timetable, not both")
-    time_model = _time_model(schedule, asked, watchers, any_time=any_time, skips=skips)
-    if on_error not in ("stop", "suspend"):
-        raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
-    if choices not in ("turns", "rounds"):
-        raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
+    schedule = _schedule(period_ms, timetable, any_time=any_time)
+    _check_option("on_error", on_error, ("stop", "suspend"))
+    _check_option("choices", choices, get_args(Choices))
     make_system = partial(
         System,
         members,
         watchers=len(watching),
-        time_model=time_model,
+        time_model=_time_model(schedule, asked, watchers, skips=skips),
         sensors=sensors or {},
         stop=stop,
         suspend=[suspend] if isinstance(suspend, str) else suspend,
@@ -154,12 +149,13 @@ def explore(
         on_error=on_error,
         abstract=abstract or {},
     )
+    begin_s = time.monotonic()
     decide = partial(
         Decisions,
         max_states=max_states,
         max_seconds=max_seconds,
         progress=progress,
-        begin_s=time.monotonic(),
+        begin_s=begin_s,
     )
     return _learnt(make_system, decide, asked, [*watching], members)
 
@@ -275,17 +271,21 @@ def _lines(verdict: Verdict, why: str) -> Iterator[str]:
         yield from (f"  {line}" for line in lines)
 
 
-def _time_model(
-    schedule: float | Timetable | None,
-    asked: list[Property],
-    watchers: list[str],
-    *,
-    any_time: bool,
-    skips: bool,
-) -> TimeModel:
+def _schedule(
+    period_ms: float | None, timetable: Timetable | None, *, any_time: bool
+) -> float | Timetable | None:
+    if timetable is not None and period_ms is not None:
+        raise OptionError("give period_ms or a timetable, not both")
+    schedule = period_ms if timetable is None else timetable
     if any_time and schedule is not None:
-        given = "a timetable" if isinstance(schedule, Timetable) else "period_ms"
+        given = "period_ms" if timetable is None else "a timetable"
         raise OptionError(f"give {given}, or any_time=True")
+    return schedule
+
+
+def _time_model(
+    schedule: float | Timetable | None, asked: list[Property], watchers: list[str], *, skips: bool
+) -> TimeModel:
     if skips and not isinstance(schedule, int | float):
         raise OptionError("skips leaves out rounds of a period: give period_ms, too")
     if schedule is None:
@@ -309,6 +309,13 @@ def _time_model(
     if isinstance(schedule, Timetable):
         return Slots(schedule, watching=watchers)
     return Periods(round(schedule * 1e6), skips=skips)
+
+
+def _check_option(name: str, given: str, known: Iterable[str]) -> None:
+    """Raise `OptionError` unless an option is one of those there are."""
+    if given not in known:
+        must = " or ".join(f'"{each}"' for each in known)
+        raise OptionError(f"{name} is {given!r}; it must be {must}")
 
 
 def _check_properties(properties: Iterable[Property]) -> list[Property]:

@@ -134,12 +134,7 @@ class Tables:
         ]
         self.turns = [packing.table(self._masks[n], self._turn_filler(n)) for n in places]
         """For each machine, the effects of its turn, each once; they weigh as much as all do."""
-        rounds = system.time_model.rounds(max(map(system.most_time, places)))
-        first, *others = (turn.units for turn in system.order)
-        self.ticks = [(n, self._ticks(n * first)) for n in rounds]
-        """How many rounds after the one before a round may begin, and the time that passes then."""
-        self.passing = [[], *(self._ticks(units) if units else [] for units in others)]
-        """The time that passes before each turn but the first of a round."""
+        self.ticks, self.passing = self._passing_time()
         self._dispensable, self.settled = (
             [
                 packing.filter(
@@ -216,6 +211,17 @@ class Tables:
         for other in self.system.looks[place]:
             mask |= self._variables[other].mask
         return mask
+
+    def _passing_time(self) -> tuple[list[tuple[int, list[EffectTable]]], list[list[EffectTable]]]:
+        """Fill tables of how many rounds after the one before a round may begin, and its effects.
+
+        The second list has the effects of the time before each turn but the first of a round.
+        """
+        places = range(len(self.system.names))
+        rounds = self.system.time_model.rounds(max(map(self.system.most_time, places)))
+        first, *others = (turn.units for turn in self.system.order)
+        ticks = [(n, self._ticks(n * first)) for n in rounds]
+        return ticks, [[], *(self._ticks(units) if units else [] for units in others)]
 
     def _round_choices(self) -> EffectTable | None:
         system = self.system
