@@ -130,9 +130,7 @@ def explore(
     """
     asked = _check_properties(properties)
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
-    given = members_of(machines, sort=timetable is None)
-    members = (*given, *map(Member, watching))
-    watchers = [machine.__name__ for machine in watching]
+    members = (*members_of(machines, sort=timetable is None), *map(Member, watching))
     schedule = _schedule(period_ms, timetable, any_time=any_time)
     _check_option("on_error", on_error, ("stop", "suspend"))
     _check_option("choices", choices, get_args(Choices))
@@ -140,7 +138,7 @@ def explore(
         System,
         members,
         watchers=len(watching),
-        time_model=_time_model(schedule, asked, watchers, skips=skips),
+        time_model=_time_model(schedule, asked, [*watching], skips=skips),
         sensors=sensors or {},
         stop=stop,
         suspend=[suspend] if isinstance(suspend, str) else suspend,
@@ -149,13 +147,12 @@ def explore(
         on_error=on_error,
         abstract=abstract or {},
     )
-    begin_s = time.monotonic()
     decide = partial(
         Decisions,
         max_states=max_states,
         max_seconds=max_seconds,
         progress=progress,
-        begin_s=begin_s,
+        begin_s=time.monotonic(),
     )
     return _learnt(make_system, decide, asked, [*watching], members)
 
@@ -284,7 +281,11 @@ def _schedule(
 
 
 def _time_model(
-    schedule: float | Timetable | None, asked: list[Property], watchers: list[str], *, skips: bool
+    schedule: float | Timetable | None,
+    asked: list[Property],
+    monitors: list[type[Machine]],
+    *,
+    skips: bool,
 ) -> TimeModel:
     if skips and not isinstance(schedule, int | float):
         raise OptionError("skips leaves out rounds of a period: give period_ms, too")
@@ -307,7 +308,7 @@ def _time_model(
                 f"out; decide it without"
             )
     if isinstance(schedule, Timetable):
-        return Slots(schedule, watching=watchers)
+        return Slots(schedule, watching=[each.__name__ for each in monitors])
     return Periods(round(schedule * 1e6), skips=skips)
 
 
