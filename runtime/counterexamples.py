@@ -16,7 +16,7 @@ from copy import deepcopy
 from itertools import groupby
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from llfsm.runtime._values import message_text
 from llfsm.runtime.bundles import SUFFIX
@@ -26,8 +26,10 @@ from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step, TurnOf, turn_of
 from llfsm.runtime.testing.search import KIT, PythonText
+from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.environment import ControlState
-from llfsm.runtime.verification.inner import Made, inner_seats
+from llfsm.runtime.verification.inner import inner_seats
+from llfsm.runtime.verification.loaded import Found, Loading, absent_seats
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     Property,
@@ -41,18 +43,17 @@ from llfsm.runtime.verification.properties import (
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
-    from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.engine.kernel import Factory, OnError
     from llfsm.runtime.engine.schedule import Timetable
     from llfsm.runtime.engine.seat import Seat
     from llfsm.runtime.journal.entries import Entry
-    from llfsm.runtime.verification.domains import Member
     from llfsm.runtime.verification.properties import ChosenTurn
     from llfsm.runtime.verification.space import Space
     from llfsm.whiteboard import Slot
 
 __all__ = ["holds", "replay"]
 
-_NONE_MADE: Made = {}
+_NONE_FOUND: Final = Found({}, [])
 _HEAD = ("round", "time", "machine", "saw", "did", "posted")
 _REQUESTED = {
     "suspend": "suspended",
@@ -135,14 +136,14 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
         on_error=space.on_error,
         timetable=space.timetable,
     )
-    views = [view_of(run.scripted, space.made)]
+    views = [view_of(run.scripted, space.found)]
     turn = False
 
     def look(event: Event) -> None:
         nonlocal turn
         if isinstance(event, Turn | RoundEnd):
             if turn:
-                views.append(view_of(run.scripted, space.made))
+                views.append(view_of(run.scripted, space.found))
             turn = isinstance(event, Turn)
 
     for observer in (look, *observers):
@@ -154,19 +155,20 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
     return views
 
 
-def view_of(environment: ScriptedEnvironment, made: Made = _NONE_MADE) -> View:
-    """Take a view of the state in which machines are now; `made` is what states run unnamed."""
-    return View(LiveSituation(environment, made))
+def view_of(environment: ScriptedEnvironment, found: Found = _NONE_FOUND) -> View:
+    """Take a view of the state in which machines are now; `found` may not have been there yet."""
+    return View(LiveSituation(environment, found))
 
 
 class LiveSituation:
     """The state of machines that run as it is now, those that have left included."""
 
-    def __init__(self, environment: ScriptedEnvironment, made: Made = _NONE_MADE):
+    def __init__(self, environment: ScriptedEnvironment, found: Found = _NONE_FOUND):
         loaded = {name: machine._seat for name, machine in environment.machines.items()}
         outermost = [seat for seat in loaded.values() if not seat.inner]
-        unloaded = {each.name: each for seat in outermost for each in inner_seats(seat, made)}
-        seats = {**unloaded, **loaded}
+        outermost += absent_seats(outermost[0].control, found.loaded, loaded)
+        inner = (each for seat in outermost for each in inner_seats(seat, found.inner))
+        seats = {each.name: each for each in (*outermost, *inner)} | loaded
         self.seats: Mapping[str, Seat] = seats
         self.defaults: Mapping[str, Any] = defaults_of(seats.values())
         slots = _slots_of(seats.values())
@@ -200,21 +202,31 @@ class LiveSituation:
 # A property as an invariant
 
 
-def holds(prop: Property, *, between_ms: tuple[float, float] | None = None) -> Holds:
+def holds(
+    prop: Property,
+    *,
+    between_ms: tuple[float, float] | None = None,
+    loads: Iterable[Factory | Member] = (),
+) -> Holds:
     """Make an invariant for one `llfsm.runtime.testing.play`: that `prop` is not violated.
 
     Of a `leads_to` without a time of its own, a response due at the first time of `between_ms`, in
     milliseconds, must have come by the second; so must what is to be `always_possible`, if it was
     not there before. What is to hold `eventually_always` must hold between them. All three are
-    violated if the machines end without. A `reachable` is violated in no state.
+    violated if the machines end without. A `reachable` is violated in no state. `loads` are
+    machines that others load, of which the property may speak before they are there.
     """
-    return Holds(prop, between_ms)
+    members = members_of(given, sort=False) if (given := [*loads]) else ()
+    return Holds(prop, between_ms, [Loading.of_member(member) for member in members])
 
 
 class Holds:
     """The invariant that a property is not violated, for one play: see `holds`."""
 
-    def __init__(self, prop: Property, between_ms: tuple[float, float] | None):
+    def __init__(
+        self, prop: Property, between_ms: tuple[float, float] | None, loaded: list[Loading]
+    ):
+        self._found = Found({}, loaded)
         self.__qualname__ = prop.name  # which an error names
         self._property = prop
         self._from_ns, self._until_ns = (ms * 1e6 for ms in between_ms or (inf, inf))
@@ -232,7 +244,7 @@ class Holds:
         if not isinstance(environment, ScriptedEnvironment):
             raise OptionError("holds(...) is an invariant for llfsm.runtime.testing.play")
         prop = self._property
-        before, now = self._earlier, view_of(environment)
+        before, now = self._earlier, view_of(environment, self._found)
         self._earlier = now
         match prop.kind:
             case "never" if prop is NO_FAILURE:
@@ -473,6 +485,9 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
     between, given = between_of(witness), name
     if between is not None:
         given += f", between_ms=({between[0]:.15g}, {between[1]:.15g})"
+    if space.found.loaded:
+        loads = (_machine(text, each.member(), folder) for each in space.found.loaded)
+        given += f", loads=[{', '.join(loads)}]"
     call = (
         f"    {play}(\n        [\n{machines}        ],\n        [\n{steps}        ],\n"
         f"        invariant={holds}({given}),\n{keep}    )\n"

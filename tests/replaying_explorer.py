@@ -92,7 +92,8 @@ class Replay:
         self.kernel = self.arrangement.kernel
         self.kernel.unobserved = self.turn  # type: ignore[method-assign]
         self.kernel.bind_all()
-        self.outermost = list(self.arrangement.roster)
+        self.outermost = {seat.name: seat for seat in self.arrangement.roster}
+        """The seats of all machines so far but inner ones, by name: the last of each."""
         self.begun_in = ""
         self.now_on_turn = ""
 
@@ -121,7 +122,11 @@ class Replay:
         self.begun_in, self.now_on_turn = seat.current.name, seat.name
         seat.first_round = 1
         seat.now = self.clock_of(seat)
-        return defined_ringlet(seat)
+        try:
+            return defined_ringlet(seat)
+        finally:
+            loaded = (each for each in self.arrangement.roster if not each.inner)
+            self.outermost.update((each.name, each) for each in loaded)
 
     def clock_of(self, seat: Seat) -> Callable[[], int]:
         def asked(entered_now: bool, limit: float) -> None:
@@ -150,7 +155,7 @@ class Replay:
     def picture(self, turn: str) -> Any:
         """Return all on which the future depends."""
         cells = tuple(pickle.dumps(self.world.cells.get(name)) for name in self.explorer.kept)
-        seats = dict.fromkeys([*self.outermost, *self.arrangement.roster])
+        seats = dict.fromkeys([*self.outermost.values(), *self.arrangement.roster])
         machines = [self.image(seat) for seat in seats]
         return turn, tuple(sorted(machines)), cells
 
@@ -211,7 +216,9 @@ class Explorer:
         kept: Iterable[str],
         suspend: Collection[str],
         on_error: OnError,
+        each_state: Callable[[Iterable[Seat]], object],
     ):
+        self.each_state = each_state
         self.machines = list(machines)
         self.period_ns, self.domains, self.kept = period_ns, domains, sorted(kept)
         self.suspend, self.on_error = suspend, on_error
@@ -235,6 +242,7 @@ class Explorer:
                     self.learnt = False
                     return None
                 transitions += 1
+                self.each_state(replay.outermost.values())
                 if after not in known:
                     known.add(after)
                     waiting.append((*path, choice))
@@ -257,10 +265,15 @@ def replayed(
     kept: Iterable[str] = (),
     suspend: Collection[str] = (),
     on_error: OnError = "suspend",
+    each_state: Callable[[Iterable[Seat]], object] = tuple,
 ) -> Replayed:
-    """Explore all states; `kept` are the slots that belong to them."""
+    """Explore all states; `kept` are the slots that belong to them.
+
+    `each_state` is called with the seats of the outermost machines in each state, and more than once.
+    """
     LOOKED.clear()
-    explorer = Explorer(machines, round(period_ms * 1e6), domains or {}, kept, suspend, on_error)
+    period_ns = round(period_ms * 1e6)
+    explorer = Explorer(machines, period_ns, domains or {}, kept, suspend, on_error, each_state)
     found = None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Submachine, "machine", property(look))

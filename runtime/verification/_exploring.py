@@ -34,7 +34,8 @@ from llfsm.runtime.verification._time_model import AnyTime, Periods, Slots, Time
 from llfsm.runtime.verification._unmodelled_state import UnmodelledState, check_determinism
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.inner import Made, UnknownInnerError
+from llfsm.runtime.verification.inner import UnknownInnerError
+from llfsm.runtime.verification.loaded import Found, UnknownLoadingError
 from llfsm.runtime.verification.properties import (
     NO_FAILURE,
     Property,
@@ -164,11 +165,10 @@ def _learnt(
     monitors: list[type[Machine]],
     members: tuple[Member, ...],
 ) -> Space:
-    """Explore until it is known what states run; only then decide the properties."""
-    made: Made = {}
-    learning = True
+    """Explore until it is known what states run and code loads; only then decide properties."""
+    found, learning = Found({}, []), True
     while True:
-        system = make_system(made=made, learning=learning)
+        system = make_system(found=found, learning=learning)
         for machine, name in zip(monitors, system.names[system.watchers.start :], strict=True):
             if machine.__name__ != name:
                 raise PredicateError(
@@ -178,7 +178,10 @@ def _learnt(
         try:
             space = _explored(system, decide(system, [] if learning else asked), members)
         except UnknownInnerError as error:
-            made.setdefault(error.place, []).append(error.cls)
+            found.inner.setdefault(error.place, []).append(error.cls)
+            learning = True
+        except UnknownLoadingError as error:
+            found.loaded.append(error.loading)
             learning = True
         else:
             if not learning:

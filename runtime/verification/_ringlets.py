@@ -31,6 +31,7 @@ from llfsm.runtime.engine.kernel import Control, Kernel, Loadable, LoadOptions
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Failure, Seat
+from llfsm.runtime.expressions.reads import CLOCK, may_use
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -41,7 +42,7 @@ from llfsm.runtime.verification.environment import (
     UnknownControlError,
 )
 from llfsm.runtime.verification.errors import UnsupportedError
-from llfsm.runtime.verification.inner import InnerLoader, Made
+from llfsm.runtime.verification.loaded import ExploredLoader, Found
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.events import Status
@@ -130,7 +131,7 @@ class Ringlets(Control):
         on_error: OnError,
         abstract: Abstraction,
         controlled: Iterable[str],
-        made: Made,
+        found: Found,
         learning: bool,
     ):
         self.environment = ExploredEnvironment()
@@ -146,16 +147,18 @@ class Ringlets(Control):
         self._complete = False
         for member in members:
             member.load(self)
-        self.loader: InnerLoader = InnerLoader(self, self.environment, made)
+        self.loader: ExploredLoader = ExploredLoader(self, self.environment, found, watchers)
         self._complete = True
-        self.seats = self.loader.with_inner(self.roster)
-        self.learning = learning and self.loader.is_open
-        """True to find out what states run: until then names may be of that."""
+        self.seats = self.loader.with_inner(self.loader.outermost)
+        self.learning = self.environment.learning = learning and self.loader.is_open
+        """True to find out what states run and code loads: until then names may be of that."""
         self.places = {seat.name: number for number, seat in enumerate(self.seats)}
         self.environment.members = self.places.keys()
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
         self.inner = [n for n, seat in enumerate(self.seats) if seat.caller is not None]
         """The places of what states run."""
+        self.absent = [n for n, seat in enumerate(self.seats) if not seat.taken]
+        """The places of machines that are not there at the start, inner ones included."""
         self.kept: set[int] = set()
         """Those whose variables matter after they have ended."""
         for seat in self.seats:
@@ -371,19 +374,19 @@ class Ringlets(Control):
         return super().state_name_of(name)
 
     def index_of(self, name: str) -> int:
-        """Note the machine, and return its index; refuse that of an inner one."""
+        """Note the machine, and return its index; refuse one that inner machines may change."""
         self._note(name)
-        index = super().index_of(name)
-        if self.seats[self.places[name]].caller is not None:
+        seat = self.roster.find(name)
+        if self.inner and not self._is_member(seat):
             self._refuse_index(f"the index of {name}")
-        return index
+        return self.loader.index_of(seat)
 
     def name_of(self, index: int) -> str:
         """Note all machines, any of which could have this index, and return the name at it."""
         self._note_all()
-        if index >= len(self.seats) - len(self.inner) and self.inner:
+        if self.inner and index >= self.loader.members:
             self._refuse_index(f"the machine at index {index}")
-        return super().name_of(index)
+        return self.loader.at(index).name
 
     @property
     def number_of_machines(self) -> int:
@@ -392,7 +395,13 @@ class Ringlets(Control):
             self.environment.ask(name)
         if self.inner:
             self._refuse_index("the number of indices in use")
-        return super().number_of_machines
+        if self.absent:  # which may have been loaded since
+            self._note_all()
+        return self.loader.used
+
+    def _is_member(self, seat: Seat) -> bool:
+        """Check that a machine is an outermost one that is there at the start."""
+        return seat.caller is None and self.loader.index_of(seat) < self.loader.members
 
     def _refuse_index(self, what: str) -> None:
         self.environment.refuse(
@@ -428,14 +437,14 @@ class Ringlets(Control):
         self.environment.touched.update(self.places.keys() - self.environment.watchers)
 
     def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
-        """Load a machine; refuse once the machines run."""
-        self._check_loading(machine)
-        return super().load(machine, **how)
+        """Load a machine, and note all others once the machines run."""
+        self._note_loading(machine)
+        return self._index_of_loaded(super().load(machine, **how), machine)
 
     def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
-        """Load a machine in its suspend state; refuse once the machines run."""
-        self._check_loading(machine)
-        return super().load_suspended(machine, **how)
+        """Load a machine in its suspend state, likewise."""
+        self._note_loading(machine)
+        return self._index_of_loaded(super().load_suspended(machine, **how), machine)
 
     def call_machine(
         self,
@@ -448,16 +457,55 @@ class Ringlets(Control):
         """Refuse to call a submachine."""
         self.environment.refuse(f"calls {machine!r} as a submachine: this cannot be explored")
 
-    def _check_loading(self, machine: Loadable) -> None:
+    def _note_loading(self, machine: Loadable) -> None:
         if self._complete:
-            self.environment.refuse(
-                f"loads {machine!r} while it runs: this cannot be explored; load it at the start, "
-                f"suspended if necessary"
-            )
+            kind = type(machine) if isinstance(machine, Machine) else machine
+            self.environment.requested("load", getattr(kind, "__name__", str(kind)))
+            self._note_all()
+
+    def _index_of_loaded(self, number: int, machine: Loadable) -> int:
+        """Return the index of a machine that was loaded, whose place in the roster is `number`."""
+        if not self._complete:
+            return number
+        seat = self.roster.at(number)
+        if self.inner and not self._is_member(seat):
+            what = f"the index of {seat.name}, which inner machines may change"
+            return cast("int", Unknown(self.environment, what))
+        return self.loader.index_of(seat)
 
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
-        """Refuse to abandon a machine."""
-        self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
+        """Note the machine and its variables, and abandon it."""
+        self._note(name)
+        seat, environment = self.roster.named.get(name), self.environment
+        if seat is None:
+            return super().abandon(name, caller)  # which raises the error
+        self._check_abandoned(seat)
+        if seat is not caller:
+            environment.look_at(name)
+        for sensor in seat.table.sensors.values():  # at which no code looks
+            environment.contents.setdefault(seat.slot_of(sensor).name, None)
+        found = {**environment.found}
+        super().abandon(name, caller)
+        environment.found = found
+        if self.kernel.error is not None:
+            raise self.kernel.error
+        return True
+
+    def _check_abandoned(self, seat: Seat) -> None:
+        """Refuse a machine whose code could see more in its suspended ringlet than is given."""
+        table = seat.table
+        suspend = table.suspend
+        run = [] if suspend is None else [suspend.sections.get(n) for n in ("OnEntry", "Internal")]
+        if seat.current is not seat.suspension:
+            run.append(seat.declared(seat.current).sections.get("OnSuspend"))
+        unseen = {*table.sensors, *CLOCK}
+        if (suspend is not None and suspend.transitions) or any(
+            code is not None and may_use(code, type(seat.machine), unseen) for code in run
+        ):
+            self.environment.refuse(
+                f"abandons {seat.name}, whose OnSuspend or suspend state could read sensors or "
+                f"the time, or has transitions: this cannot be explored; suspend it"
+            )
 
     # Control states and variables
 
@@ -475,7 +523,7 @@ class Ringlets(Control):
         seat.failure = self._failure if control.failed else None
         if self._stands:
             seat.stood = self._stood if control.stood else None
-        if self.inner:
+        if self.absent:
             seat.left, seat.parking, seat.children = control.left, control.parked, None
             seat.nest.restore(control.runs, self._states[place], self._by_name)
         if seat.taken is not control.loaded:
@@ -495,7 +543,7 @@ class Ringlets(Control):
             *(seat.current, seat.previous, seat.remembered),
             *(seat.request, seat.accepted, seat.taken, begun, seat.failure is not None),
         )
-        if self.inner:
+        if self.absent:
             standing = *standing, seat.left, seat.parking, seat.nest.standing
         if self._stands:
             standing = *standing, seat.stands

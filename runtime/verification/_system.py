@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.verification._ringlets import Ringlets
-from llfsm.runtime.verification._time_model import Limits, TimeModel
+from llfsm.runtime.verification._time_model import Limits, TimeModel, timetable_of
 from llfsm.runtime.verification.domains import Member, messages_of
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -30,7 +30,7 @@ from llfsm.runtime.verification.environment import (
     UnknownControlError,
 )
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
-from llfsm.runtime.verification.inner import Made
+from llfsm.runtime.verification.loaded import Found
 from llfsm.runtime.verification.properties import defaults_of
 
 if TYPE_CHECKING:
@@ -84,11 +84,11 @@ class System:
         unload_accepting: bool,
         on_error: OnError,
         abstract: Mapping[str, Callable[[Any], Any]],
-        made: Made,
+        found: Found,
         learning: bool,
     ):
-        self.made = made
-        """The classes that states were found to run, which they do not name."""
+        self.found = found
+        """The classes that states run though they do not name them, and what code loads."""
         self.time_model = time_model
         self.stop = stop
         self.by_rounds = by_rounds
@@ -100,9 +100,10 @@ class System:
             on_error=on_error,
             abstract=abstract,
             controlled=self.suspend,
-            made=made,
+            found=found,
             learning=learning,
         )
+        self.ringlets.kernel.timetable = timetable_of(time_model)  # which loading asks
         self.learning = self.ringlets.learning
         self.names = list(self.ringlets.places)
         self.order = time_model.order([*self._groups()])
@@ -121,8 +122,8 @@ class System:
         """For each machine, those whose control state it asks for or changes."""
         self.looks: list[set[int]] = [set() for _ in self.names]
         """For each machine, the inner ones whose variables it looks at or changes."""
-        self.leavers = set(self.ringlets.inner)
-        """The machines that were found to leave the arrangement; inner ones are there at times."""
+        self.leavers = set(self.ringlets.absent)
+        """The machines that are there at times: those that were found to leave the arrangement."""
         self.standing: set[int] = set()
         """The places of machines that may be suspended in a state in which they go on in place."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
@@ -216,6 +217,8 @@ class System:
             raise DomainError(f"{where}: another sensor of {name!r} declares another domain")
 
     def _check_complete(self) -> None:
+        if self.learning:  # what code loads may post the rest
+            self.posted |= self.sensed - self.domains.keys()
         missing = [
             f"{machine}.{sensor} ({slot})"
             for machine, reads in zip(self.names, self.reads, strict=True)

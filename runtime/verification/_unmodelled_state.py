@@ -264,6 +264,8 @@ class _Look:
                 yield from (each.guard for each in value.transitions)
             case Sensor() | Actuator():
                 yield value.slot.type
+            case Machine():
+                yield type(value)
             case property():
                 yield from (value.fget, value.fset, value.fdel)
             case partial():

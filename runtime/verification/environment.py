@@ -68,7 +68,7 @@ class ControlState(NamedTuple):
     failed: bool = False
     """True if its code has raised, it was suspended for that, and not resumed since."""
     left: bool = False
-    """True if the state that ran it was left before it was done."""
+    """True if the state that ran it was left before it was done; of others, before it is loaded."""
     parked: bool = False
     """True if it goes on when that state is entered again."""
     runs: tuple[RunStanding, ...] = ()
@@ -186,6 +186,8 @@ class ExploredEnvironment(Environment):
     def __init__(self) -> None:
         self.members: Set[str] = frozenset()
         self.watchers: Set[str] = frozenset()
+        self.learning = False
+        """True until it is known what code loads, and so which names are of machines."""
         self.clock = _Clock(self)
         self.contents: dict[str, Any] = {}
         """The message in each slot, by name; None before the first."""
@@ -305,7 +307,7 @@ class ExploredEnvironment(Environment):
 
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Refuse machines of other processes: they are not explored. One that has left is gone."""
-        if name in self.members:
+        if name in self.members or self.learning:
             self.touched.update(self.members)  # of which the error names those that are there
             raise UnknownMachineError(name, known)
         self.refuse(

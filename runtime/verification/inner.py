@@ -149,7 +149,7 @@ class InnerLoader(Loader):
             return
         self._environment.make(seat.name)
         vars(seat.machine).clear()
-        vars(seat.machine).update(self.ports[seat.name] | vars(_blank(type(seat.machine))))
+        vars(seat.machine).update(self.ports[seat.name] | vars(blank(type(seat.machine))))
         if any(state.runs for state in seat.table.states):
             seat.nest.restore((), {}, {})
             for inner in self._places.values():
@@ -292,7 +292,7 @@ def _classes(outer: Seat, state: State, number: int, made: Made) -> list[type[Ma
 def _seat(outer: Seat, state: State, number: int, cls: type[Machine]) -> Seat:
     name = f"{outer.name}/{outer.table.inner_name(state, number, cls.__name__)}"
     path = f"{outer.path}/{cls.table.path}"
-    seat = Seat(_blank(cls), outer.control, name, path, outer.renamed, {})
+    seat = Seat(blank(cls), outer.control, name, path, outer.renamed, {})
     seat.called, seat.caller = True, outer
     return seat
 
@@ -303,7 +303,7 @@ def _outwards(seat: Seat | None) -> Iterator[Seat]:
         seat = seat.caller
 
 
-def _blank(cls: type[Machine]) -> Machine:
+def blank(cls: type[Machine]) -> Machine:
     """Make a machine at whose variables nobody looks: they have no value, or the default."""
     machine: Machine = cls.__new__(cls)
     for name, variable in cls.table.variables.items():

@@ -111,8 +111,8 @@ class Space:
         """The names of the machines that anybody may suspend, resume or restart."""
         self.unload_accepting = system.ringlets.kernel.unload_accepting
         self.on_error = system.ringlets.kernel.on_error
-        self.made = system.made
-        """The classes that states run though nothing names them, by where."""
+        self.found = system.found
+        """The classes that states run though nothing names them, and what code loads."""
         self.search = search
         """The states themselves, packed, and the turns from one to the next."""
         self._system = system
