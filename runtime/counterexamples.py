@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from llfsm.runtime._values import message_text
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.errors import OptionError
-from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Turn
+from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Status, Turn
 from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import ScriptRun, journal_of
-from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step, TurnOf, turn_of
+from llfsm.runtime.testing.scripted import Answers, Ask, ScriptedEnvironment, Step, TurnOf, turn_of
 from llfsm.runtime.testing.search import KIT, PythonText
 from llfsm.runtime.verification.domains import Member, members_of
 from llfsm.runtime.verification.environment import ControlState
@@ -89,6 +89,7 @@ def _steps(witness: Witness, space: Space) -> Iterator[Step]:
         first = whole[0]
         before: dict[TurnOf, dict[Slot[Any], Any]] = {}
         asks: dict[TurnOf, list[Ask]] = {}
+        elsewhere: dict[TurnOf, Answers] = {}
         timed = space.timetable is not None  # time passes by itself, also before the first turn
         messages = {} if timed else _news(first, contents, space)
         numbers: Counter[str] = Counter()
@@ -102,9 +103,12 @@ def _steps(witness: Witness, space: Space) -> Iterator[Step]:
                 asked.append("stop")
             if asked:
                 asks[which] = asked
+            if turn.answers:
+                elsewhere[which] = turn.answers
             if (timed or turn is not first) and (news := _news(turn, contents, space)):
                 before[which] = news
-        yield Step(0 if timed else first.time_ms - now_ms, messages, before, asks)
+        wait_ms = 0 if timed else first.time_ms - now_ms
+        yield Step(wait_ms, messages, before, asks, elsewhere=elsewhere)
         now_ms = first.time_ms
 
 
@@ -395,6 +399,8 @@ def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
     fired, request = "", first["request"]
     for entry in turn[1:]:
         match entry["event"]:
+            case "Answered":
+                saw.append(_answer(entry["machine"], entry["answer"]))
             case "Asked":
                 saw.append(f"{entry['action'].replace('hold', 'suspend')} is asked for")
                 request = entry["action"] if entry["action"] in _REQUESTED else request
@@ -415,6 +421,18 @@ def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
         did.insert(0, fired or f"in {first['state']}")
     texts = ", ".join(saw), ", ".join(did), ", ".join(posted)
     return TurnRow(first["round"], first["time_ns"], first["machine"], *texts, quiet=not new)
+
+
+def _answer(machine: str, answer: str | bool | int | None) -> str:
+    """Write what a machine of another process answered: its state, whether it is suspended, ..."""
+    match answer:
+        case None:
+            return f"there is no {machine}"
+        case str():
+            return f"{machine} is in {answer}"
+        case bool():
+            return f"{machine} is {'' if answer else 'not '}suspended"
+    return f"{machine} was {Status(answer).name.lower()}"
 
 
 def _slots_of(seats: Iterable[Seat]) -> dict[str, Slot[Any]]:

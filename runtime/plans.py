@@ -86,7 +86,8 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     Properties and abstractions are named ``module:name``. `period_ms` is by default that of the
     rounds of a run. A domain is "every", a list of messages, a table of fields, each with "every"
-    or a list of values, or ``module:name``.
+    or a list of values, or ``module:name``. `elsewhere` has machines of other processes: a class as
+    ``module:name``, or states, with "none" for one that is not there.
     """
 
     properties: tuple[str, ...] = ()
@@ -97,6 +98,7 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     choices: Literal["turns", "rounds"] = "turns"
     stop: bool = False
     suspend: tuple[str, ...] = ()
+    elsewhere: dict[str, str | tuple[str, ...]] = {}
     abstract: dict[str, str] = {}
     max_states: Positive | None = None
     max_seconds: Annotated[float, msgspec.Meta(ge=0)] | None = None

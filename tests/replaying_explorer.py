@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from definition import Defined
-from llfsm.runtime import Machine, ManualClock, Submachine
+from llfsm.runtime import Machine, ManualClock, Submachine, UnknownMachineError
 from llfsm.runtime.engine.environment import Environment, Post, Read
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.kernel import OnError
@@ -29,7 +29,10 @@ __all__ = ["LOOKED", "Replayed", "replayed"]
 
 LOOKED: set[str] = set()
 """The names of machines at whose variables code has looked after they had ended."""
-Choice = tuple[tuple[tuple[str, Any], ...], Request | None]
+Status = tuple[str, bool] | None
+Choice = tuple[tuple[tuple[str, Any], ...], Request | None, tuple[Status, ...]]
+QUESTIONS = 3
+"""The most questions of a turn for a machine of another process."""
 
 
 class Moment(int):
@@ -48,8 +51,20 @@ class Moment(int):
         return elapsed
 
 
+class Other:
+    """A machine of another process."""
+
+    def __init__(self, state: str, suspended: bool):
+        self.state, self.suspended = state, suspended
+
+    def request(self, action: str) -> int:
+        return int(self.suspended)
+
+
 class Cells(Environment):
     """Every slot is a cell."""
+
+    answers: Iterator[Status]
 
     def __init__(self) -> None:
         super().__init__(ManualClock(START_NS))
@@ -64,6 +79,12 @@ class Cells(Environment):
             return 0
 
         return add
+
+    def elsewhere(self, name: str, known: Iterable[str]) -> Any:
+        answer = next(self.answers)
+        if answer is None:
+            raise UnknownMachineError(name, known)
+        return Other(*answer)
 
 
 class Replayed(NamedTuple):
@@ -112,7 +133,8 @@ class Replay:
     def turn(self, seat: Seat) -> bool:
         if self.turns == len(self.path):
             raise OverError(seat.name)
-        contents, request = self.path[self.turns]
+        contents, request, answers = self.path[self.turns]
+        self.world.answers = iter(answers)
         self.turns += 1
         self.world.cells.update(contents)
         if request is not None:
@@ -217,7 +239,9 @@ class Explorer:
         suspend: Collection[str],
         on_error: OnError,
         each_state: Callable[[Iterable[Seat]], object],
+        statuses: Iterable[Status],
     ):
+        self.statuses = [*statuses]
         self.each_state = each_state
         self.machines = list(machines)
         self.period_ns, self.domains, self.kept = period_ns, domains, sorted(kept)
@@ -254,7 +278,8 @@ class Explorer:
         requests = [None, *Request] if seat.name in self.suspend else [None]
         for contents in itertools.product(*(self.domains[name] for name in free)):
             for request in requests:
-                yield tuple(zip(free, contents, strict=True)), request
+                for answers in itertools.product(self.statuses, repeat=QUESTIONS):
+                    yield tuple(zip(free, contents, strict=True)), request, answers
 
 
 def replayed(
@@ -266,14 +291,18 @@ def replayed(
     suspend: Collection[str] = (),
     on_error: OnError = "suspend",
     each_state: Callable[[Iterable[Seat]], object] = tuple,
+    statuses: Iterable[Status] = [None],
 ) -> Replayed:
     """Explore all states; `kept` are the slots that belong to them.
 
-    `each_state` is called with the seats of the outermost machines in each state, and more than once.
+    `each_state` is called with the seats of the outermost machines in each state, also twice.
+    `statuses` are those of the only machine of another process.
     """
     LOOKED.clear()
     period_ns = round(period_ms * 1e6)
-    explorer = Explorer(machines, period_ns, domains or {}, kept, suspend, on_error, each_state)
+    explorer = Explorer(
+        machines, period_ns, domains or {}, kept, suspend, on_error, each_state, statuses
+    )
     found = None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Submachine, "machine", property(look))

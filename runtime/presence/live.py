@@ -12,8 +12,9 @@ from llfsm.runtime.log import logger
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.clock import Clock
+    from llfsm.runtime.engine.environment import Elsewhere
     from llfsm.runtime.journal.handover import Handover
-    from llfsm.runtime.presence.remote import Directory, RemoteMachine
+    from llfsm.runtime.presence.remote import Directory
     from llfsm.runtime.presence.slot_ownership import Claims
     from llfsm.runtime.presence.status_publisher import StatusPublisher
     from llfsm.whiteboard import Board, Slot
@@ -93,7 +94,7 @@ class LiveEnvironment(BoardEnvironment):
             self._claims = Claims(self.whiteboard)
         return self._claims
 
-    def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
+    def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Return the machine of that name that another process runs on this whiteboard.
 
         One of this arrangement's that has just left is still published, but is none.

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.clock import ManualClock
 from llfsm.runtime.engine.environment import AgedRead, Read
-from llfsm.runtime.engine.events import Event, Turn
+from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.engine.events import Event, Status, Turn
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.runtime.testing.errors import ScriptError
@@ -25,6 +26,7 @@ from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.environment import Elsewhere
     from llfsm.runtime.engine.ports import Sensor
 
 
@@ -32,6 +34,7 @@ _NOTHING: Mapping[Any, Any] = MappingProxyType({})
 
 
 Ask: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
+Answers: TypeAlias = Mapping[str, Sequence[tuple[str, bool] | None]]
 TurnOf: TypeAlias = str | tuple[str, int]
 """A machine's turn in a round: its name for the first, or with the number of another one."""
 
@@ -50,7 +53,10 @@ class Step(NamedTuple):
     Just before the turn of a machine that `before` or `asks` names, more messages are posted, or
     it is asked to "suspend", "resume" or "restart", or all machines to "stop"; what `after` has is
     asked when the round is over. None instead of a message empties a slot, as if nothing had been
-    posted. With a timetable, a round is a cycle, the time until each turn is due passes by itself,
+    posted. `elsewhere` answers a machine's questions for those of other processes in its turn, in
+    order: with ("STATE", False), or True if it is suspended, or None if there is none of the name.
+
+    With a timetable, a round is a cycle, the time until each turn is due passes by itself,
     and ("Machine", 2) names a machine's second turn in it.
     """
 
@@ -60,6 +66,18 @@ class Step(NamedTuple):
     asks: Mapping[TurnOf, Sequence[Ask]] = _NOTHING
     after: Mapping[str, Sequence[Ask]] = _NOTHING
     most_rounds: int = 1
+    elsewhere: Mapping[TurnOf, Answers] = _NOTHING
+
+
+class _Answering(NamedTuple):
+    """A machine of another process, as a script has it."""
+
+    state: str
+    suspended: bool
+
+    def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
+        """Return its status; nobody is asked."""
+        return Status.SUSPENDED if self.suspended else Status.RUNNING
 
 
 class _ScriptedAgedRead:
@@ -94,6 +112,7 @@ class ScriptedEnvironment(LiveEnvironment):
         self._arrangement: Arrangement | None = None
         self._before: dict[TurnOf, Mapping[Slot[Any], Any]] = {}
         self._turns: Counter[str] = Counter()  # in this round
+        self._answers: dict[str, list[tuple[str, bool] | None]] = {}  # in this turn
         self._emptied: dict[str, int] = {}  # slot -> the count up to which it counts as empty
 
     def play(self, arrangement: Arrangement, script: Iterable[Step]) -> Iterator[Step]:
@@ -121,12 +140,15 @@ class ScriptedEnvironment(LiveEnvironment):
             if isinstance(event, Turn):
                 self._turns[event.machine] += 1
                 turn = turn_of(event.machine, self._turns[event.machine])
+                answers = step.elsewhere.get(turn, _NOTHING)
+                self._answers = {name: [*each] for name, each in answers.items()}
                 self._ask(arrangement, event.machine, step.asks.get(turn, ()))
 
-        if step.asks or step.before:
+        if step.asks or step.before or step.elsewhere:
             arrangement.attach(ask)
         yield
         arrangement.detach(ask)
+        self._answers = {}
 
     def _ask(self, arrangement: Arrangement, machine: str, asked: Sequence[Ask]) -> None:
         with self.asking():
@@ -181,6 +203,16 @@ class ScriptedEnvironment(LiveEnvironment):
         """Make a function that reads as `read` does, and knows how old the message is."""
         aged = super().read_aged(machine, name, sensor, slot, start_count)
         return _ScriptedAgedRead(aged, self._reading(machine, slot, aged))
+
+    def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
+        """Return a machine of another process as the script has it, or as it is on the board."""
+        answers = self._answers.get(name)
+        if not answers:
+            return super().elsewhere(name, known)
+        answer = answers.pop(0)
+        if answer is None:
+            raise UnknownMachineError(name, known)
+        return _Answering(*answer)
 
     def _post(self, messages: Mapping[Slot[Any], Any]) -> None:
         for slot, message in messages.items():

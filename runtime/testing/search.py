@@ -82,6 +82,9 @@ class PythonText:
             if asks:
                 each = (f"{name!r}: {[*asked]!r}" for name, asked in asks.items())
                 parts.append(f"{option}={{{', '.join(each)}}}")
+        if step.elsewhere:
+            given = (f"{name!r}: {dict(each)!r}" for name, each in step.elsewhere.items())
+            parts.append(f"elsewhere={{{', '.join(given)}}}")
         return f"Step({', '.join(parts)})"
 
     def _messages(self, messages: Mapping[Slot[Any], Any]) -> str:

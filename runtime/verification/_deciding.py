@@ -361,6 +361,8 @@ def _turn_of(tables: Tables, step: Successor, number: int, time_ns: int) -> Chos
         slot: messages[slot].values[code] if code else None
         for slot, code in (*step.round_contents, *step.choice.contents)
     }
+    answers = system.answered(step.place, found)
+    found = {slot: message for slot, message in found.items() if slot not in system.answers}
     return ChosenTurn(
         number,
         time_ns / 1e6,
@@ -369,4 +371,5 @@ def _turn_of(tables: Tables, step: Successor, number: int, time_ns: int) -> Chos
         step.choice.request,
         step.choice.stop,
         tables.control(step.place, step.ready).withdrawn_by(step.choice.request),
+        answers,
     )

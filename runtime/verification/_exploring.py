@@ -67,6 +67,7 @@ class ExploreOptions(TypedDict, total=False):
     sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None
     stop: bool
     suspend: Iterable[str]
+    elsewhere: Mapping[str, type[Machine] | Iterable[str | None]] | None
     choices: Choices
     abstract: Mapping[str, Callable[[Any], Any]] | None
     unload_accepting: bool
@@ -87,6 +88,7 @@ def explore(
     properties: Iterable[Property] = (),
     stop: bool = False,
     suspend: Iterable[str] = (),
+    elsewhere: Mapping[str, type[Machine] | Iterable[str | None]] | None = None,
     choices: Choices = "turns",
     abstract: Mapping[str, Callable[[Any], Any]] | None = None,
     unload_accepting: bool = True,
@@ -114,6 +116,8 @@ def explore(
         properties: the properties to decide.
         stop: True to let a stop come before any turn, as by Ctrl-C.
         suspend: names of machines that anybody may suspend, resume or restart before their turns.
+        elsewhere: machines of other processes, by name, each by its class or a list of the states
+            that it may be in at each question for it; None is for one that is not there.
         choices: "rounds" to let the environment choose once a round for all machines.
         abstract: for "Machine.variable", a function of its value whose result replaces the value
             after each turn.
@@ -147,26 +151,21 @@ def explore(
         unload_accepting=unload_accepting,
         on_error=on_error,
         abstract=abstract or {},
+        elsewhere=elsewhere or {},
     )
-    decide = partial(
-        Decisions,
-        max_states=max_states,
-        max_seconds=max_seconds,
-        progress=progress,
-        begin_s=time.monotonic(),
-    )
+    decide = partial(Decisions, max_states=max_states, max_seconds=max_seconds, progress=progress)
     return _learnt(make_system, decide, asked, [*watching], members)
 
 
 def _learnt(
     make_system: Callable[..., System],
-    decide: Callable[[System, list[Property]], Decisions],
+    decide: Callable[..., Decisions],
     asked: list[Property],
     monitors: list[type[Machine]],
     members: tuple[Member, ...],
 ) -> Space:
     """Explore until it is known what states run and code loads; only then decide properties."""
-    found, learning = Found({}, []), True
+    found, learning, begin_s = Found({}, []), True, time.monotonic()
     while True:
         system = make_system(found=found, learning=learning)
         for machine, name in zip(monitors, system.names[system.watchers.start :], strict=True):
@@ -176,7 +175,9 @@ def _learnt(
                 )
         learning = system.learning
         try:
-            space = _explored(system, decide(system, [] if learning else asked), members)
+            space = _explored(
+                system, decide(system, [] if learning else asked, begin_s=begin_s), members
+            )
         except UnknownInnerError as error:
             found.inner.setdefault(error.place, []).append(error.cls)
             learning = True

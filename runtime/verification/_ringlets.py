@@ -10,7 +10,7 @@ order in which they are found, so that a ringlet's effects are a small tuple.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from copy import deepcopy
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
@@ -38,6 +38,7 @@ from llfsm.runtime.verification.environment import (
     ExploredEnvironment,
     Given,
     RingletOutcome,
+    UnansweredError,
     Unknown,
     UnknownControlError,
 )
@@ -133,6 +134,7 @@ class Ringlets(Control):
         controlled: Iterable[str],
         found: Found,
         learning: bool,
+        elsewhere: Collection[str],
     ):
         self.environment = ExploredEnvironment()
         kernel = _ExploredKernel(
@@ -154,6 +156,7 @@ class Ringlets(Control):
         """True to find out what states run and code loads: until then names may be of that."""
         self.places = {seat.name: number for number, seat in enumerate(self.seats)}
         self.environment.members = self.places.keys()
+        self.environment.outside = frozenset(elsewhere)
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
         self.inner = [n for n, seat in enumerate(self.seats) if seat.caller is not None]
         """The places of what states run."""
@@ -210,7 +213,8 @@ class Ringlets(Control):
         `turns` is called in the place of `give_turns`.
 
         Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
-        machine that `others` lacks, and `TimeUpError` after the deadline.
+        machine that `others` lacks, `UnansweredError` if `contents` lacks an answer to a question,
+        and `TimeUpError` after the deadline.
         """
         self.deadline.check()
         place, control, _, elapsed_ns, stood_ns, contents, others, inner, request, stopping = given
@@ -249,6 +253,8 @@ class Ringlets(Control):
                 f"{seat.name} asks for the time in OnResume, and goes on in place with another "
                 f"one: this cannot be explored; ask in OnEntry or later"
             )
+        if environment.unanswered:
+            raise UnansweredError(environment.unanswered)
         if self.inner:
             self._forget_ended(place, environment.touched)
         asked, changed = self._touched(place, dict(others)) if environment.touched else ((), ())
@@ -428,6 +434,8 @@ class Ringlets(Control):
         return super().unload(name, caller)
 
     def _note(self, name: str) -> None:
+        if name in self.environment.outside:
+            return
         if name in self.places:
             self.environment.ask(name)
         if name not in self.roster.named:

@@ -13,6 +13,7 @@ it begins again with larger states. That happens a few times, and the ringlets s
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from itertools import islice, pairwise, product
 from math import floor, prod
@@ -22,12 +23,14 @@ from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.verification._ringlets import Ringlets
 from llfsm.runtime.verification._time_model import Limits, TimeModel, timetable_of
-from llfsm.runtime.verification.domains import Member, messages_of
+from llfsm.runtime.verification.domains import Member, messages_of, statuses_of
 from llfsm.runtime.verification.environment import (
     ControlState,
     Given,
     RingletOutcome,
+    UnansweredError,
     UnknownControlError,
+    question_slot,
 )
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 from llfsm.runtime.verification.loaded import Found
@@ -35,6 +38,7 @@ from llfsm.runtime.verification.properties import defaults_of
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.kernel import OnError
+    from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.verification.properties import Property
     from llfsm.whiteboard import Slot
 
@@ -86,6 +90,7 @@ class System:
         abstract: Mapping[str, Callable[[Any], Any]],
         found: Found,
         learning: bool,
+        elsewhere: Mapping[str, type[Machine] | Iterable[str | None]],
     ):
         self.found = found
         """The classes that states run though they do not name them, and what code loads."""
@@ -102,6 +107,7 @@ class System:
             controlled=self.suspend,
             found=found,
             learning=learning,
+            elsewhere=elsewhere,
         )
         self.ringlets.kernel.timetable = timetable_of(time_model)  # which loading asks
         self.learning = self.ringlets.learning
@@ -126,6 +132,13 @@ class System:
         """The machines that are there at times: those that were found to leave the arrangement."""
         self.standing: set[int] = set()
         """The places of machines that may be suspended in a state in which they go on in place."""
+        self._questions: list[Counter[str]] = [Counter() for _ in self.names]
+        """For each machine, how often it asks in a turn for machines of other processes."""
+        self._statuses = {name: statuses_of(name, given) for name, given in elsewhere.items()}
+        for name in self._statuses.keys() & {*self.names}:
+            raise DomainError(f"elsewhere has {name!r}, which is one of the machines to explore")
+        self.answers: dict[str, tuple[int, ...]] = {}
+        """The numbers of the answers to each question, by what holds them."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
         self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
         """A kept ringlet of each kind: from where to where, by which request and transition."""
@@ -311,12 +324,12 @@ class System:
             yield tuple(zip(slots, numbers, strict=True))
 
     def _domain(self, slot: str, may_be_old: bool) -> tuple[int, ...]:
-        domain = self.domains[slot]
+        domain = self.answers[slot] if slot in self.answers else self.domains[slot]
         return (*domain, 0) if may_be_old and 0 not in domain else domain
 
     def choices(self, place: int, *, stopping: bool) -> list[Choice]:
         """List the environment's choices at a turn of the machine at `place`."""
-        slots = [] if self.by_rounds else self.free_slots(place)
+        slots = [*([] if self.by_rounds else self.free_slots(place)), *self._answers_to(place)]
         requests = _REQUESTS if self.names[place] in self.suspend else (None,)
         stops = (False, True) if self.stop and not stopping else (False,)
         return [
@@ -325,6 +338,25 @@ class System:
             for request in requests
             for stop in stops
         ]
+
+    def _answers_to(self, place: int) -> Iterator[str]:
+        """Yield what holds the answers to the questions of a machine in a turn."""
+        for machine, most in self._questions[place].items():
+            for number in range(1, most + 1):
+                slot = question_slot(self.names[place], machine, number)
+                statuses = self._statuses[machine]
+                numbers = dict.fromkeys(self.ringlets.message(slot, each) for each in statuses)
+                self.answers[slot] = tuple(numbers)
+                yield slot
+
+    def answered(self, place: int, contents: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+        """List the answers in contents to a machine's questions, in order, by who was asked for."""
+        return {
+            machine: tuple(
+                contents[question_slot(self.names[place], machine, n + 1)] for n in range(most)
+            )
+            for machine, most in self._questions[place].items()
+        }
 
     # The ringlets of the machines
 
@@ -353,6 +385,9 @@ class System:
             self.mentions[place] |= error.touched
             self.looks[place] |= error.looked
             self._keep(error.kept)
+            raise RelearnError from None
+        except UnansweredError as error:
+            self._questions[place][error.machine] += 1
             raise RelearnError from None
         if outcome.limits:
             self._learn_limits(place, outcome)

@@ -22,7 +22,7 @@ from llfsm.errors import did_you_mean
 from llfsm.runtime._values import UnknownValueError, freeze
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.kernel import Factory
-from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.machine import Machine, MachineType
 from llfsm.runtime.engine.ports import MOST, messages_of_domain
 from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 
@@ -223,6 +223,30 @@ def _made(cls: type, names: list[str], rows: Iterable[tuple[Any, ...]]) -> Itera
 
 _SUSPENDED = "Suspended"
 _CACHED = type(lru_cache(lambda: None))
+
+
+def statuses_of(
+    name: str, given: type[Machine] | Iterable[str | None]
+) -> tuple[tuple[str, bool] | None, ...]:
+    """List the states that a machine of another process may be in, and whether it is suspended.
+
+    A class stands for its states. In a list, None is for a machine that is not there. Raise
+    `DomainError` for anything else.
+    """
+    if isinstance(given, MachineType):
+        suspend = given.table.suspend
+        last = _SUSPENDED if suspend is None else suspend.name
+        states: list[str | None] = [state.name for state in given.table.states]
+        states += [] if suspend else [last]
+    else:
+        is_list = isinstance(given, Iterable) and not isinstance(given, str)
+        last, states = _SUSPENDED, [*given] if is_list else []
+    if not states or not all(state is None or isinstance(state, str) for state in states):
+        raise DomainError(
+            f"elsewhere: {name} is declared as {given!r}: give its class, or a list of the states "
+            f"that it may be in, {last!r} if it is suspended, and None if it is not there"
+        )
+    return tuple(None if state is None else (state, state == last) for state in states)
 
 
 class Member(NamedTuple):

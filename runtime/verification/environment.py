@@ -13,20 +13,23 @@ environment makes that true and as coarse as it can be:
   on those that it has touched.
 * A sensor with `max_age_ms` or `since_start` finds its message or none, as `contents` has it: who
   gives a ringlet its contents decides which messages are too old.
+* A machine of another process that is declared answers each question as `contents` has it, by the
+  machine that asks and the question's number in its turn: it may change from one to the next.
 * Whatever else passes this door is refused, such as the age of a message in ms. The refusal holds
   even if the machine's code catches the error.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Set
 from math import floor, inf, isfinite
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, NoReturn, Self, TypeAlias, cast
 
 from llfsm.runtime.engine.clock import NEVER, Clock
 from llfsm.runtime.engine.environment import Environment, Post, Read
 from llfsm.runtime.engine.errors import UnknownMachineError
-from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.events import Request, Status
 from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
@@ -52,6 +55,22 @@ class UnknownControlError(Exception):
         self.touched = touched
         self.looked = looked
         self.kept = kept
+
+
+class UnansweredError(Exception):
+    """A ringlet asked for a machine of another process more often than it was given answers."""
+
+    def __init__(self, machine: str):
+        self.machine = machine
+
+
+_MOST_QUESTIONS: Final = 8
+"""Questions of a turn for one machine of another process."""
+
+
+def question_slot(asking: str, machine: str, number: int) -> str:
+    """Name what holds the answer to a machine's question for another one, which no slot is."""
+    return f"{asking} asks {machine} ({number})"
 
 
 class ControlState(NamedTuple):
@@ -195,6 +214,11 @@ class ExploredEnvironment(Environment):
         """The last message that the ringlet posted to each slot, by name."""
         self.found: dict[str, Any] = {}
         """What its sensors found of them."""
+        self.outside: Set[str] = frozenset()
+        """The names of the machines of other processes that are declared."""
+        self.unanswered = ""
+        """The name of one that was asked for though no answer was given."""
+        self._questions: Counter[str] = Counter()
         self.touched: set[str] = set()
         """The names of the machines whose control state it asked for or changed."""
         self.looked: set[str] = set()
@@ -229,7 +253,8 @@ class ExploredEnvironment(Environment):
         """
         self.posted, self.found = {}, {}
         self.touched, self.looked, self.made, self.ended = set(), set(), set(), set()
-        self.limits = {}
+        self.limits, self.unanswered = {}, ""
+        self._questions.clear()
         self.low_ns, self.high_ns = -inf, inf
         self.refusal = None
         self._machine, self._elapsed_ns, self._stood_ns = machine, elapsed_ns, stood_ns
@@ -306,14 +331,34 @@ class ExploredEnvironment(Environment):
         return post
 
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
-        """Refuse machines of other processes: they are not explored. One that has left is gone."""
-        if name in self.members or self.learning:
+        """Answer for a machine of another process; refuse one that is not declared.
+
+        One of those explored that is not there is gone.
+        """
+        if name in self.outside:
+            return self._answer(name, known)
+        if name not in self.members and not self.learning:
+            self.refuse(
+                f"asks for the machine {name!r}, which is not among those explored "
+                f"({', '.join(known)}): add it, or declare it (elsewhere) if others run it"
+            )
+        self.touched.update(self.members)  # of which the error names those that are there
+        raise UnknownMachineError(name, known)
+
+    def _answer(self, name: str, known: Iterable[str]) -> Elsewhere:
+        if self._machine in self.watchers:
+            self.refuse(f"asks for {name}: a monitor knows no machines of other processes")
+        self._questions[name] += 1
+        if self._questions[name] > _MOST_QUESTIONS:
+            self.refuse(f"asks for {name} more than {_MOST_QUESTIONS} times in a turn")
+        slot = question_slot(self._machine, name, self._questions[name])
+        if slot not in self.contents:
+            self.unanswered = name
+        answer = self.contents.get(slot)
+        if answer is None:
             self.touched.update(self.members)  # of which the error names those that are there
             raise UnknownMachineError(name, known)
-        self.refuse(
-            f"asks for the machine {name!r}, which is not among those explored "
-            f"({', '.join(known)}): add it"
-        )
+        return _Answering(self, name, *answer)
 
     def requested(self, action: str, machine: str) -> None:
         """Note a machine whose control state is changed; refuse a monitor that acts."""
@@ -341,6 +386,23 @@ class ExploredEnvironment(Environment):
         if machine not in self.looked:
             self.looked.add(machine)
             self.made.add(machine)
+
+
+class _Answering:
+    """A machine of another process, with a status of those that are declared."""
+
+    def __init__(self, environment: ExploredEnvironment, name: str, state: str, suspended: bool):
+        self._environment = environment
+        self._name = name
+        self.state = state
+        self.suspended = suspended
+
+    def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
+        """Return its status; that of a resume is not known, as a restart may be pending."""
+        if action == "resume":
+            what = f"the status that resume({self._name!r}) returned, which others may restart"
+            return cast("Status", Unknown(self._environment, what))
+        return Status.SUSPENDED if self.suspended else Status.RUNNING
 
 
 class _Aged:

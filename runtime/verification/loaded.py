@@ -15,11 +15,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.kernel import Loader
-from llfsm.runtime.engine.machine import Machine, MachineType
+from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.expressions.reads import LOADING, names_in
 from llfsm.runtime.verification.domains import Member
@@ -54,7 +54,7 @@ class Loading:
     def of_member(cls, member: Member) -> Self:
         """Describe a machine that may be loaded so, at any index."""
         made = member.machine
-        kind: type[Machine] = made if isinstance(made, MachineType) else type(made())
+        kind = cast("type[Machine]", made) if isinstance(made, type) else type(made())
         slots = tuple(sorted(member.slots.items()))
         return cls(0, member.name or kind.__name__, kind, kind.table.path, slots)
 

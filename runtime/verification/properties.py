@@ -53,6 +53,14 @@ class ChosenTurn(NamedTuple):
     stop: bool
     withdraws: bool = False
     """True if a suspend is asked for before the request: a resume alone replaces no restart."""
+    answers: Mapping[str, tuple[tuple[str, bool] | None, ...]] = MappingProxyType({})
+    """The answers to its questions for machines of other processes, in order, by their names: the
+    state and whether it is suspended; None if there is none of that name."""
+
+
+def answer_text(answer: tuple[str, bool] | None) -> str:
+    """Say in which state a machine of another process is found."""
+    return "not there" if answer is None else f"in {answer[0]}{', suspended' * answer[1]}"
 
 
 class Region(NamedTuple):
@@ -87,6 +95,8 @@ class Witness(NamedTuple):
                 if slot not in contents or contents[slot] is not message  # equal ones are one
             ]
             contents.update(turn.found)
+            for machine, answers in turn.answers.items():
+                news += [f"{machine} is {answer_text(answer)}" for answer in answers]
             if turn.withdraws:
                 news.append("suspend is asked for")
             if turn.request is not None:

@@ -38,6 +38,7 @@ WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the 
     "RelearnError": "verification: the exploration starts again",
     "TimeUpError": "verification: what is not known by then is undecided",
     "TooManyZonesError": "verification: the property is undecided",
+    "UnansweredError": "verification: the ringlet is run again with more answers",
     "UnknownControlError": "verification: the ringlet is run again with more",
     "UnknownValueError": "verification: an UnsupportedError names the variable",
     "UnnamedFieldError": "verification: the exploration starts again",

@@ -80,7 +80,7 @@ _ASSUMED: Final = {
 }
 """What is assumed where such an option is set, as no exploration includes it."""
 _REFUSED: Final = {
-    "preload": "is preloaded: machines that load others while they run cannot be verified",
+    "preload": "is preloaded, to be loaded by its name while others run: this cannot be verified",
 }
 """Why options cannot be verified. Any that is in none of these tables is refused, too."""
 _EVERYTHING = reachable(lambda _: False, "every state")
@@ -171,6 +171,13 @@ def _json(text: str) -> Any:
     metavar="MACHINE",
     multiple=True,
     help="Anybody may suspend, resume or restart MACHINE at any time. May be repeated.",
+)
+@click.option(
+    "--elsewhere",
+    metavar="MACHINE=STATE,...|MODULE:NAME",
+    multiple=True,
+    callback=partial(_pairs, read=str),
+    help="The states of a machine of another process, none if not there, or its class.",
 )
 @click.option(
     "--abstract",
@@ -440,6 +447,7 @@ class VerifiedMachines:
             "sensors": dict(self._sensors(wanted.sensors)),
             "stop": wanted.stop,
             "suspend": wanted.suspend,
+            "elsewhere": {name: self._states(each) for name, each in wanted.elsewhere.items()},
             "choices": wanted.choices,
             "abstract": {name: self._callable(where) for name, where in wanted.abstract.items()},
             "unload_accepting": self._resolved.plan.unload_accepting,
@@ -472,6 +480,13 @@ class VerifiedMachines:
                 raise click.UsageError(f"{name}: {where} defines no properties")
             for each, value in every.items():
                 yield _Named(f"{where}:{each}", value)
+
+    def _states(self, given: str | Sequence[str]) -> Any:
+        """Find what a machine of another process is: a class, or a list of states."""
+        if isinstance(given, str) and ":" in given:
+            return find_object(given, self._folders)[1]
+        states = given.split(",") if isinstance(given, str) else given
+        return [None if state == "none" else state for state in states]
 
     def _sensors(self, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         slots = self._slots()
@@ -531,7 +546,7 @@ def _joined(file: Verification, asked: Verification) -> Verification:
         for name in asked.__struct_fields__
         if (value := getattr(asked, name)) != getattr(Verification(), name)
     }
-    for name in ("sensors", "abstract"):
+    for name in ("sensors", "elsewhere", "abstract"):
         given[name] = {**getattr(file, name), **getattr(asked, name)}
     if asked.any_time and asked.period_ms is None:
         file = replace(file, period_ms=None)

@@ -157,7 +157,7 @@ def test_a_refusal_holds_even_if_the_code_catches_it() -> None:
         except Exception:  # as careless code does
             self.n = 1
 
-    with pytest.raises(UnsupportedError, match="calls .*submachine"):
+    with pytest.raises(UnsupportedError, match=r"calls .*submachine"):
         explore(machine(code), period_ms=100)
 
 

@@ -62,9 +62,10 @@ def test_verify_takes_the_options_of_explore() -> None:
 def _names() -> dict[str, object]:
     """Return the names that only type checkers import."""
     from llfsm.runtime.engine.kernel import Factory, OnError
+    from llfsm.runtime.engine.machine import Machine
     from llfsm.whiteboard import Slot
 
-    return {"Factory": Factory, "OnError": OnError, "Slot": Slot}
+    return {"Factory": Factory, "Machine": Machine, "OnError": OnError, "Slot": Slot}
 
 
 def test_properties_are_given_in_either_way() -> None:
