@@ -292,7 +292,7 @@ def search_states(
                 level = search.begin()
                 while level and look(search, level):
                     level = search.go_on(goes_on)
-            except (*ENDINGS, MemoryError) as error:
+            except ENDINGS as error:
                 search.interrupted = True
                 search.out_of_memory = isinstance(error, MemoryError)
             return search

@@ -143,8 +143,9 @@ class Decisions:
         for prop in self._properties:
             try:
                 yield self._verdict(prop, search)
-            except ENDINGS:
+            except ENDINGS as error:
                 self.cut = True
+                self.short_of_memory |= isinstance(error, MemoryError)
                 yield Verdict(prop, None, None)
 
     def _verdict(self, prop: Property, search: Search) -> Verdict:
@@ -288,7 +289,7 @@ class Decisions:
     def _decide_possible(self, prop: Property, search: Search) -> Verdict:
         """Look for a region with no way out; at any time, several clocks may leave it undecided."""
         checker = self._checkers[prop][0]
-        region = no_way_out(search, lambda states: checker.select(states, self.named))
+        region = no_way_out(search, lambda states: checker.part(states, self.named)[1])
         if region is None:
             exact = not self._any_time or one_clock(search)
             return Verdict(prop, True if exact else None, None)

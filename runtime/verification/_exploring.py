@@ -206,8 +206,9 @@ def _explored(system: System, decisions: Decisions, members: tuple[Member, ...])
             sample, is_whole = system.sample()
             check_determinism(system.ringlets, iter(sample))
             repeated = ringlets if is_whole else len(sample)
-        except ENDINGS:
+        except ENDINGS as error:
             decisions.end()
+            decisions.short_of_memory |= isinstance(error, MemoryError)
     verdicts = tuple(decisions.verdicts(search))
     return Space(
         system,

@@ -97,12 +97,16 @@ class Checker:
 
     def select(self, states: Iterable[int], named: set[FieldName]) -> States:
         """List the states that are sought; add fields that states lack to `named`."""
+        return self.part(states, named)[0]
+
+    def part(self, states: Iterable[int], named: set[FieldName]) -> tuple[States, States]:
+        """Part states into those that are sought and others, likewise."""
         self._named = named
         if not isinstance(states, States):
             states = self._tables.packing.states(states)
         while True:
             with suppress(_HasGrownError):
-                return self._states.split(states)[0]
+                return self._states.split(states)
 
     def select_pairs(
         self, pairs: Iterable[tuple[int, int]], named: set[FieldName]

@@ -18,8 +18,8 @@ The nearest is the counterexample; there, too, every execution has a cycle or an
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Sequence
-from itertools import accumulate, chain, repeat
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import accumulate, chain, islice, repeat
 from typing import NamedTuple, TypeAlias
 
 from llfsm.runtime.verification._breadth_first import Search
@@ -256,24 +256,32 @@ class Trap(NamedTuple):
     states: int
 
 
-def no_way_out(search: Search, goals: Callable[[States], Iterable[int]]) -> Trap | None:
+def no_way_out(search: Search, others: Callable[[States], States]) -> Trap | None:
     """Find the nearest state from which no way leads to a goal; None if there is none.
 
-    `goals` selects those of some states that are goals.
+    `others` selects those of some states that are no goals: only these take memory.
     """
-    nodes = [(turn, s) for level in search.levels for turn, each in level.items() for s in each]
-    numbers = {node: number for number, node in enumerate(nodes)}
-    good = bytearray(len(nodes))
-    for level in search.levels:
-        for turn, states in level.items():
-            for state in goals(states):
-                good[numbers[turn, state]] = 1
-    known = [number for number, found in enumerate(good) if found]
-    ends, targets = array("Q", [0]), array("Q")  # the successors of each state
-    for number, node in enumerate(nodes):
-        if not good[number]:  # else it makes no difference what follows
-            targets.extend(numbers[after] for after in search.after(*node))
+    rest = [(turn, others(each)) for level in search.levels for turn, each in level.items()]
+    numbers: dict[int, dict[int, int]] = {}
+    """By turn and state, in the order in which they were found."""
+    count = 0
+    for turn, states in rest:
+        search.tables.system.ringlets.deadline.check()
+        numbers.setdefault(turn, {}).update(
+            zip(states, range(count, count + len(states)), strict=True)
+        )
+        count += len(states)
+    good = bytearray(count)
+    ends, targets = array("Q", [0]), array("Q")  # the successors of each state that are no goals
+    for number, (turn, state) in enumerate(_each(rest)):
+        for next_turn, after in search.after(turn, state):
+            target = numbers.get(next_turn, {}).get(after)
+            if target is None:
+                good[number] = 1
+            else:
+                targets.append(target)
         ends.append(len(targets))
+    known = [number for number, found in enumerate(good) if found]
     sources, before = _reversed(ends, targets)
     for number in known:
         for earlier in before[sources[number] : sources[number + 1]]:
@@ -288,7 +296,11 @@ def no_way_out(search: Search, goals: Callable[[States], Iterable[int]]) -> Trap
         new = set(targets[ends[number] : ends[number + 1]]) - region
         region |= new
         waiting += new
-    return Trap(*nodes[first], len(region))
+    return Trap(*next(islice(_each(rest), first, None)), len(region))
+
+
+def _each(rest: Iterable[tuple[int, States]]) -> Iterator[tuple[int, int]]:
+    return ((turn, state) for turn, states in rest for state in states)
 
 
 def _reversed(ends: array[int], targets: array[int]) -> tuple[array[int], array[int]]:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from copy import deepcopy
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, Unpack, cast
 
 from llfsm.runtime._values import (
     PLAIN,
@@ -32,6 +32,7 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import defined_ringlet
 from llfsm.runtime.engine.seat import Failure, Seat
 from llfsm.runtime.expressions.reads import CLOCK, may_use
+from llfsm.runtime.verification._memory import is_memory_short
 from llfsm.runtime.verification.domains import Member, require_explorable
 from llfsm.runtime.verification.environment import (
     ControlState,
@@ -68,8 +69,9 @@ class TimeUpError(Exception):
     """The time to explore is over."""
 
 
-ENDINGS = (KeyboardInterrupt, TimeUpError)
+ENDINGS = (KeyboardInterrupt, MemoryError, TimeUpError)
 """The exceptions that end an exploration: a property that is not decided by then is undecided."""
+_LOOK_S: Final = 0.1  # from one look at the memory to the next
 
 
 class Deadline:
@@ -78,11 +80,17 @@ class Deadline:
     def __init__(self) -> None:
         self.at_s = inf
         """By `time.monotonic()`."""
+        self._look_s = -inf
 
     def check(self) -> None:
-        """Raise `TimeUpError` if it has passed."""
-        if time.monotonic() >= self.at_s:
+        """Raise `TimeUpError` if it has passed, and `MemoryError` if little memory is left."""
+        now_s = time.monotonic()
+        if now_s >= self.at_s:
             raise TimeUpError
+        if now_s >= self._look_s:
+            self._look_s = now_s + _LOOK_S
+            if is_memory_short():
+                raise MemoryError
 
 
 class _ExploredKernel(Kernel):

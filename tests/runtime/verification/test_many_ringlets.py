@@ -163,6 +163,48 @@ def test_an_exploration_ends_within_a_limit_of_its_process(tmp_path: Path) -> No
     assert subprocess.check_output([sys.executable, file], text=True) == "False True True\n"
 
 
+POSSIBLE_UNDER_A_LIMIT = """
+import resource
+from pathlib import Path
+from llfsm.runtime import Machine, Sensor, State
+from llfsm.runtime.verification import always_possible, every, explore
+from llfsm.whiteboard import Message, Slot
+
+class Press(Message):
+    on: bool = False
+
+def made(name):
+    class Turner(Machine):
+        press = Sensor(Slot(f"press/{name}", Press), default=Press(), domain=every(Press))
+        n: int = 0
+        turns = State(final=False)
+
+        @turns.internal
+        def _(self):
+            if self.press.on:
+                self.n = (self.n + 1) % 60
+
+    Turner.__name__ = name
+    return Turner
+
+machines = [made(name) for name in "ABC"]
+assert explore(machines, period_ms=10).complete
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+limit = pages * resource.getpagesize() * 4 // 3 + (20 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+possible = always_possible(lambda v: v.A.n == 59 and v.B.n == 59)
+space = explore(machines, period_ms=10, properties=[possible])
+print(space.verdicts[0].holds, space.short_of_memory, space.states > 100_000)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, memory is not asked for")
+def test_what_is_possible_is_decided_within_a_limit_or_not_at_all(tmp_path: Path) -> None:
+    file = tmp_path / "limited.py"
+    file.write_text(POSSIBLE_UNDER_A_LIMIT)
+    assert subprocess.check_output([sys.executable, file], text=True) == "None True True\n"
+
+
 GIB = 1 << 30
 UNLIMITED = {
     "/proc/meminfo": "MemTotal: 16000 kB\nMemFree: 1 kB\nMemAvailable: 900 kB\n",
