@@ -22,7 +22,7 @@ from llfsm.runtime.verification import (
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
 from naive_explorer import Explored, May, gaps_ns_of, naively_explored
-from random_machines import FRESH, LEFT, NAMES, RIGHT, SHARED, Ages, ages, built, specs
+from random_machines import FRESH, LEFT, MIXED, NAMES, RIGHT, SHARED, Ages, ages, built, specs
 
 __all__ = [
     "DOMAINS",
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 _ZERO_OR_ONE = [Int32(data=0), Int32(data=1)]
-DOMAINS = {LEFT: [None, *_ZERO_OR_ONE], RIGHT: _ZERO_OR_ONE}
+DOMAINS: dict[Any, list[Any]] = {LEFT: [None, *MIXED], RIGHT: _ZERO_OR_ONE}
 
 Turns = list[tuple[int, int]]
 Naively = Callable[[Mapping[str, Any]], bool]

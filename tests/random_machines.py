@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum, Flag, auto
 from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.engine.machine import define
-from llfsm.whiteboard import Slot
+from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 
 __all__ = [
     "AGAIN",
     "FRESH",
     "LEFT",
+    "MIXED",
     "NAMES",
     "RIGHT",
     "SHARED",
@@ -26,7 +28,44 @@ __all__ = [
     "specs",
 ]
 
-LEFT, RIGHT, SHARED = (Slot(name, Int32) for name in ("left", "right", "shared"))
+
+class Mode(Enum):
+    """A mode, as devices have them."""
+
+    OFF = "off"
+    ON = "on"
+
+
+class Lamps(Flag):
+    """Lamps, of which any may be on."""
+
+    RED = auto()
+    GREEN = auto()
+
+
+class Mixed(Message):
+    """A message with fields of many kinds."""
+
+    mode: Mode = Mode.OFF
+    lamps: Lamps = Lamps(0)
+    pair: tuple[float, str] = (0.5, "half")
+    note: str | None = None
+    raw: bytes = b""
+    nested: Int32 | None = None
+
+    @property
+    def data(self) -> int:
+        """A number for what is in it."""
+        return 1 if self.mode is Mode.ON and self.nested is not None else len(self.raw)
+
+
+MIXED = [
+    Mixed(lamps=Lamps.RED | Lamps.GREEN, note="none"),
+    Mixed(mode=Mode.ON, pair=(float("inf"), ""), nested=Int32(data=7)),
+]
+"""Messages whose data are 0 and 1."""
+LEFT = Slot("left", Mixed)
+RIGHT, SHARED = (Slot(name, Int32) for name in ("right", "shared"))
 NAMES = ("A", "B", "C")
 
 deeds = st.one_of(

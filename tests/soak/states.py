@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -32,6 +37,31 @@ def agreement(situation: Situation) -> None:
 def containment(happened: Happenings) -> None:
     """Run random machines, with requests at every boundary."""
     assert_contained(happened, most=1_000)
+
+
+@settings(
+    max_examples=500,
+    suppress_health_check=list(HealthCheck),
+    deadline=None,
+    phases=[Phase.generate],
+)
+@given(real_runs)
+def on_a_busy_host(run: RealRun) -> None:
+    """Run them while other processes want all cores, twice over."""
+    assert_real_run_contained(run, most=2_000, rounds=100)
+
+
+@contextmanager
+def busy() -> Iterator[None]:
+    """Let other processes want all cores."""
+    command = [sys.executable, "-c", "while True: pass"]
+    burning = [subprocess.Popen(command) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        yield
+    finally:
+        for process in burning:
+            process.kill()
+            process.wait()
 
 
 def main() -> None:
@@ -65,6 +95,9 @@ if __name__ == "__main__":
     print("1,000 arrangements that ran did what was explored")
     in_real_time()
     print("5,000 arrangements that ran by the host's clock did what was explored")
+    with busy():
+        on_a_busy_host()
+    print("500 that ran on a busy host did, too")
     try:
         main()
     except pytest.skip.Exception as reason:

@@ -32,7 +32,7 @@ from llfsm.runtime.engine.events import Eval
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, TurtlePositionAnswer
-from random_machines import LEFT, RIGHT, SHARED, specs
+from random_machines import LEFT, MIXED, RIGHT, SHARED, specs
 from thoroughness import examples
 
 FOLDER = Path(llfsm.machines.__file__).parent
@@ -102,7 +102,9 @@ def possible(port: Any, chance: Random) -> Any:
         return chance.choice(list(port.domain))
     if port.slot is ANSWER:
         return TurtlePositionAnswer(chance.randrange(9), chance.random() * 11, 5.0)
-    if port.slot in (LEFT, RIGHT, SHARED):
+    if port.slot == LEFT:
+        return chance.choice(MIXED)
+    if port.slot in (RIGHT, SHARED):
         return Int32(data=chance.randrange(3))
     return None
 
