@@ -215,9 +215,13 @@ class View:
         name = what if isinstance(what, str) else what.name
         defaults = self._situation.defaults
         if name not in defaults:
+            seats = self._situation.seats if isinstance(what, str) else {}
             raise PredicateError(
-                f"no machine reads or posts to a slot {name!r}{did_you_mean(name, defaults)}; the "
-                f"slots are: {', '.join(sorted(defaults))}"
+                f"no machine reads or posts to a slot {name!r}"
+                f"{', or is called so' if seats else ''}"
+                f"{did_you_mean(name, (*defaults, *seats))}; the slots are: "
+                f"{', '.join(sorted(defaults))}"
+                + (f"; the machines are: {', '.join(seats)}" if seats else "")
             )
         content = self._situation.content(name)
         return defaults[name] if content is None else content
