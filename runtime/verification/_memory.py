@@ -19,6 +19,8 @@ _LIMITS: Final = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.lim
 
 def is_memory_short() -> bool:
     """Check the memory of this host and the limits of this process; False where none are known."""
+    if resource is None:
+        return False
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         size, resident = Path("/proc/self/statm").read_text().split()[:2]

@@ -80,6 +80,7 @@ _COMMANDS = {
         "edit": ("edit:edit", "Draw and write a machine in the browser."),
     },
     "Run": {
+        "up": ("up.command:up", "Start several processes as one system."),
         "suspend": ("requests:suspend", "Suspend a running machine."),
         "resume": ("requests:resume", "Resume a suspended machine."),
         "restart": ("requests:restart", "Restart a running machine."),
