@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
@@ -41,6 +42,8 @@ def up(files: tuple[Path, ...], log_dir: Path | None) -> None:
     llfsm up robot.toml
     llfsm up robot.toml cameras.toml --log-dir logs
     """
+    if sys.platform == "win32":
+        raise click.ClickException("llfsm up runs on Linux and macOS: start each process by itself")
     plans = read_systems(files)
     with ExitStack() as stack:
         output = _Output(plans, stack, log_dir)
