@@ -30,7 +30,8 @@ _LONGEST_S: Final = 30.0
 _SOON_S: Final = 10.0  # an end sooner after its start makes the next pause longer
 _TERMINATED_S: Final = 1.0  # from SIGTERM to SIGKILL
 _LATE_S: Final = 30.0  # after which it is reported that something is not ready
-_LINE: Final = 1 << 16  # bytes of a line without an end
+_LINE: Final = 1 << 16  # bytes of a line without an end, and of one read
+_LAST_READS: Final = 64  # after an end: what is left behind may print for ever
 _PR_SET_PDEATHSIG: Final = 1
 _LIBC = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
 
@@ -56,7 +57,7 @@ class Process:
         self.started_s = 0.0
         self.due_s = 0.0
         """When it is started again."""
-        self.pause_s = _PAUSE_S
+        self.pause_s = 0.0
         self.unfinished = b""
         """What it has printed of a line."""
 
@@ -204,10 +205,11 @@ class Processes:
         return bool(data)
 
     def _finish(self, process: Process) -> None:
-        """Pass on the rest of what a process has printed, and end what it has left behind."""
-        while self._read(process):
-            pass
+        """End what a process has left behind, and pass on the rest of what it has printed."""
         process.signal(signal.SIGTERM)
+        for _ in range(_LAST_READS):
+            if not self._read(process):
+                break
         assert process.popen is not None
         stdout = process.popen.stdout
         if stdout is not None and not stdout.closed:  # which those have, too
@@ -225,9 +227,10 @@ class Processes:
         wanted = process.plan.planned.restart
         if wanted == "always" or (wanted == "on-failure" and status):
             soon = time.monotonic() - process.started_s < _SOON_S
-            process.pause_s = min(2 * process.pause_s, _LONGEST_S) if soon else _PAUSE_S
-            process.due_s = time.monotonic() + process.pause_s / 2
-            self._report(f"{process.name} {how}; it starts again in {process.pause_s / 2:g} s")
+            longer_s = min(2 * process.pause_s, _LONGEST_S) if soon else 0.0
+            process.pause_s = longer_s or _PAUSE_S
+            process.due_s = time.monotonic() + process.pause_s
+            self._report(f"{process.name} {how}; it starts again in {process.pause_s:g} s")
             process.popen = None
             return
         self._report(f"{process.name} {how}")
