@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +28,17 @@ def check_arrangement(
     plan: Plan,
     classes: Mapping[str, type[Machine]],
     called: Mapping[str, type[Machine]] | None = None,
+    *,
+    known: Iterable[str] = (),
 ) -> list[Finding]:
     """Check the machines of an arrangement file together.
 
     `classes` are the machines' classes by name, in the plan's order; `called` are others that they
-    may load, of which there may be breakpoints. Each of them alone is not checked here.
+    may load, of which there may be breakpoints; `known` are names of machines of other processes.
+    Each of them alone is not checked here.
     """
     subjects = {cls: _subject(cls) for cls in classes.values()}
-    found = {*_unknown_names([*subjects.values()], {*classes})}
+    found = {*_unknown_names([*subjects.values()], {*classes, *known})}
     planned = zip(classes.items(), plan.machines, strict=True)
     commanders = defaultdict(list)
     for (name, cls), machine in planned:

@@ -182,9 +182,11 @@ def test_a_second_ctrl_c_kills(llfsm: Llfsm) -> None:
     process = llfsm.start("up", "robot.toml")
     (pid,) = pids(until(process, "deaf | deaf"))
     process.send_signal(signal.SIGINT)
-    wait_for(lambda: process.send_signal(signal.SIGINT) or not alive(pid), "the end of it")
-    process.stdout.read()
+    until(process, "all end; a second Ctrl-C kills them")
+    process.send_signal(signal.SIGINT)
+    assert "deaf was killed by SIGKILL" in process.stdout.read()
     assert process.wait() == 0
+    assert not alive(pid)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of a parent's end")
@@ -238,3 +240,67 @@ def test_two_files_are_one_system(llfsm: Llfsm) -> None:
     assert llfsm.run_apart("up", "other.toml", "robot.toml").stdout == "one   | 1\nother | 2\n"
     done = llfsm.run_apart("up", "other.toml", "other.toml")
     assert "'other' is the name of a process of another file" in done.stderr
+
+
+MACHINES = """
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Bool, Int32
+
+class Reader(Machine):
+    light = Sensor(Slot("ligth", Bool), default=Bool())
+    look, done = State(), State()
+    look.to(done, when=lambda self: self.light.data)
+
+    @done.on_entry
+    def _(self) -> None:
+        self.suspend("Lamp")
+
+class Other(Machine):
+    light = Actuator(Slot("light", Bool), at_end=Bool())
+    glow = State(suspend=False)
+
+class Number(Machine):
+    light = Actuator(Slot("light", Int32), at_end=Int32())
+    count = State()
+"""
+
+
+def checked(llfsm: Llfsm, *commands: str) -> tuple[int, str]:
+    (llfsm.cwd / "lamp.py").write_text(LAMP)
+    (llfsm.cwd / "more.py").write_text(MACHINES)
+    (llfsm.cwd / "reader.toml").write_text("[[machine]]\ndefinition = 'more:Reader'\n")
+    write(llfsm.cwd, *(f"name = 'p{n}'\ncommand = '{each}'" for n, each in enumerate(commands)))
+    done = llfsm.run("check", "robot.toml")
+    return done.returncode, done.stdout
+
+
+def test_check_finds_what_is_wrong_with_its_machines_together(llfsm: Llfsm) -> None:
+    commands = "llfsm run lamp:Lamp", "llfsm run reader.toml", "llfsm run more:Other -q"
+    assert checked(llfsm, *commands) == (
+        0,
+        "robot.toml:1: warning: Lamp and Other post to 'light'; is only one of them to run at a "
+        "time?\nrobot.toml:1: warning: Reader reads 'ligth' and Lamp posts to 'light': one is "
+        "misspelt?\n",
+    )
+    apart = "llfsm run lamp:Lamp -b one", "llfsm run more:Other --board=other", "no-llfsm run"
+    assert checked(llfsm, *apart) == (0, "no findings\n")
+    alone = "llfsm run reader.toml", "llfsm run more:Other"
+    assert "no machine 'Lamp' in the arrangement" in checked(llfsm, *alone)[1]
+
+
+def test_check_finds_a_slot_of_two_types_and_commands_that_are_wrong(llfsm: Llfsm) -> None:
+    status, text = checked(llfsm, "llfsm run lamp:Lamp", "llfsm run more:Number")
+    assert status == 1
+    assert "robot.toml:1: error: p1: slot 'light' holds std_msgs/msg/Bool" in text
+    status, text = checked(llfsm, "llfsm run lamp:Lamp", "llfsm run more:None", "llfsm run --no")
+    assert status == 1
+    assert "robot.toml:5: error: p1: more:None: more has no 'None'" in text
+    assert "robot.toml:8: error: p2: No such option '--no'" in text
+
+
+def test_check_explains_no_whole_system(llfsm: Llfsm) -> None:
+    checked(llfsm, "llfsm run lamp:Lamp")
+    done = llfsm.run("check", "--explain", "robot.toml")
+    assert done.returncode == 2
+    assert "robot.toml starts processes: name their machines for --types" in done.stderr

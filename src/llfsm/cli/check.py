@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -32,6 +34,9 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.plans import Plan, Verification, line_of, read_plan
 from llfsm.whiteboard import Whiteboard
 
+if TYPE_CHECKING:
+    from llfsm.cli.up.together import Part
+
 
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
@@ -40,7 +45,7 @@ from llfsm.whiteboard import Whiteboard
     "--explain", is_flag=True, help="Also print what each state waits for, or why it is polled."
 )
 def check(machines: tuple[str, ...], types: bool, explain: bool) -> None:
-    """Check each MACHINE: one that ships, patrol.py:Patrol, a bundle, or an arrangement file.
+    """Check each MACHINE: one that ships, patrol.py:Patrol, a bundle, or a file for run or up.
 
     Print a line for each finding: FILE:LINE: error or warning: what is wrong. The exit status is 1
     if there is an error. Sections and expressions are read, never run.
@@ -52,6 +57,11 @@ def check(machines: tuple[str, ...], types: bool, explain: bool) -> None:
     llfsm check --types patrol.py
     llfsm check --explain Patrol
     """
+    systems = [name for name in machines if name.endswith(".toml") and _is_system(Path(name))]
+    if systems and (types or explain):
+        raise click.UsageError(
+            f"{systems[0]} starts processes: name their machines for --types and --explain"
+        )
     found = set()
     for name in machines:
         found.update(_check_file(Path(name)) if name.endswith(".toml") else _check_machine(name))
@@ -81,8 +91,15 @@ def _explain(machines: Sequence[str]) -> None:
             echo(f"  {state.name:<{width}}  {waiting_text(machine.table, state)}")
 
 
-def _check_file(file: Path) -> list[Finding]:
-    """Check the machines of an arrangement file, then what they are together."""
+def _check_file(file: Path, known: frozenset[str] = frozenset()) -> list[Finding]:
+    """Check the machines of an arrangement file, or of a system's, then what they are together.
+
+    `known` are the names of machines that other processes run.
+    """
+    if _is_system(file):
+        from llfsm.cli.up.together import check_system  # as few ask
+
+        return check_system(file, _check_part)
     try:
         found = [each for machine in _planned(file) for each in _check_machine(*machine)]
     except click.UsageError as error:  # there is no such machine
@@ -97,7 +114,27 @@ def _check_file(file: Path) -> list[Finding]:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan, {*resolved.classes})
     called = callable_machines(resolved.classes) if resolved.plan.breakpoints else {}
-    return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes, called)
+    together = check_arrangement(
+        file.absolute(), resolved.plan, resolved.classes, called, known=known
+    )
+    return found + together
+
+
+def _is_system(file: Path) -> bool:
+    with suppress(OSError, ValueError, RecursionError):  # which reading it as a plan reports
+        return "process" in tomllib.loads(file.read_text(encoding="utf-8"))
+    return False
+
+
+def _check_part(part: Part, known: frozenset[str]) -> list[Finding]:
+    """Check the machines that a process of a system runs; `known` are those of all."""
+    if part.file is not None:
+        return _check_file(part.file, known)
+    return [
+        each
+        for machine in part.resolved.plan.machines
+        for each in _check_machine(machine.definition, part.resolved.folders)
+    ]
 
 
 def _check_verification(file: Path, plan: Plan, machines: set[str]) -> list[Finding]:

@@ -286,6 +286,7 @@ class ResolvedPlan:
         names = names_of(plan, [cls.__name__ for cls in found])
         self.classes = dict(zip(names, found, strict=True))
         self.plan = plan
+        self.folders = folders
         beside = [Path(cls.table.path) for cls in found]
         bundles = [path.parent for path in beside if path.suffix == SUFFIX]
         self.library = _MachineFinder(self.classes.values(), dict.fromkeys([*folders, *bundles]))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from datetime import datetime
 from itertools import cycle
 from pathlib import Path
@@ -48,31 +47,28 @@ def up(files: tuple[Path, ...], log_dir: Path | None) -> None:
     with ExitStack() as stack:
         output = _Output(plans, stack, log_dir)
         processes = Processes(plans, show=output.show, report=output.report)
-        with _signals() as signals:
-            try:
-                while not (processes.over or signals):
-                    processes.look()
-            finally:
-                processes.end(lambda: len(signals) > 1)
+        signals = _signals()
+        try:
+            while not (processes.over or signals):
+                processes.look()
+            if signals:
+                output.report("all end; a second Ctrl-C kills them")
+        finally:
+            processes.end(lambda: len(signals) > 1)
     if processes.failed:
         raise click.exceptions.Exit(1)
 
 
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Collect the signals that ask for the end."""
+def _signals() -> list[int]:
+    """Collect the signals that ask for the end in a list, from now until this process ends."""
     came: list[int] = []
 
     def note(number: int, _: FrameType | None) -> None:
         came.append(number)
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, note) for number in numbers]
-    try:
-        yield came
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
+    return came
 
 
 class _Output:

@@ -88,7 +88,7 @@ class Process:
         """Notice that it is ready, if no text that it prints tells."""
         if self.is_ready or not self.running or self.plan.planned.ready is not None:
             return
-        self.is_ready = not self.plan.runs_machines or self._has_machines()
+        self.is_ready = self.plan.run_arguments is None or self._has_machines()
 
     def _has_machines(self) -> bool:
         assert self.popen is not None

@@ -48,9 +48,10 @@ class System(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class ProcessPlan(NamedTuple):
-    """A process of a system, with the folder in which it starts."""
+    """A process of a system: which one of its file it is, and the folder in which it starts."""
 
     planned: PlannedProcess
+    number: int
     folder: Path
     board: str | None
     grace_s: float
@@ -63,9 +64,10 @@ class ProcessPlan(NamedTuple):
         return [sys.executable, "-m", "llfsm.cli", *words[1:]] if words[0] == "llfsm" else words
 
     @property
-    def runs_machines(self) -> bool:
-        """True if it is ready once machines are there: `llfsm run` without a text to wait for."""
-        return self.planned.ready is None and self.words[1:4] == ["-m", "llfsm.cli", "run"]
+    def run_arguments(self) -> list[str] | None:
+        """The arguments of `llfsm run`; None if it is another program."""
+        words = self.words
+        return words[4:] if words[1:4] == ["-m", "llfsm.cli", "run"] else None
 
     @property
     def board_name(self) -> str | None:
@@ -93,7 +95,8 @@ def read_systems(files: Iterable[Path]) -> list[ProcessPlan]:
                     f"process[{number}]: {planned.name!r} is the name of a process of another file",
                     file=file,
                 )
-            plan = ProcessPlan(planned, file.resolve().parent, system.board, system.grace_s)
+            folder = file.resolve().parent
+            plan = ProcessPlan(planned, number, folder, system.board, system.grace_s)
             plans[planned.name] = plan
         if not system.processes:
             raise ConfigurationError("it names no [[process]] to start", file=file)
