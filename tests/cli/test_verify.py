@@ -256,7 +256,7 @@ ERRORS = {
     "a predicate without a bool": (oven("no_bool"), "counts returned 0; it must return"),
     "a misspelt machine": (oven("no_machine"), "no machine 'Coker'; did you mean 'Cooker'?"),
     "a misspelt state": (oven("no_state"), "Cooker has no state 'UN'"),
-    "a misspelt slot": (oven("no_slot"), "a slot 'moter'; did you mean 'motor'?"),
+    "a misspelt slot": (oven("no_slot"), "a slot 'moter', or is called so; did you mean 'motor'?"),
     "no machine to suspend": (["--suspend", "Coker"], "'Coker', which is not a machine"),
     "no function": (["--abstract", f"Cooker.presses={OVEN}:no_property"], "3 is not a function"),
     "no such variable": (["--abstract", "Cooker.x=builtins:abs"], "Cooker does not have"),

@@ -15,3 +15,8 @@ from llfsm.errors import printable
 def echo(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to standard output, or to standard error if `err`."""
     click.echo(printable(text), err=err, nl=nl)
+
+
+def echo_from(source: str, text: str, colour: str) -> None:
+    """Print a text behind its source, which has a colour on a terminal."""
+    click.echo(f"{click.style(printable(source), fg=colour)} {printable(text)}")

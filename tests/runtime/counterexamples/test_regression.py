@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, reject, settings
 from hypothesis import strategies as st
 
-from agreement import Situation, situations
+from agreement import DOMAINS, Situation, situations
 from llfsm.bridges.recording.rerun import Rerun
 from llfsm.runtime import ExecutionError
 from llfsm.runtime.counterexamples import (
@@ -38,11 +38,9 @@ from llfsm.runtime.verification import (
     step,
 )
 from llfsm.runtime.verification.properties import LIVENESS
-from llfsm.whiteboard.messages.std_msgs import Int32
 from random_machines import LEFT, RIGHT, SHARED, built
 from thoroughness import examples
 
-DOMAINS = {LEFT: [None, Int32(data=0), Int32(data=1)], RIGHT: [Int32(data=0), Int32(data=1)]}
 PROPERTIES = [
     NO_FAILURE,
     never(lambda v: v.A.n == 1),

@@ -13,9 +13,9 @@ from typing import Final, TextIO
 
 import click
 
+from llfsm.cli.echo import echo, echo_from
 from llfsm.cli.up.processes import Processes
 from llfsm.cli.up.system import ProcessPlan, read_systems
-from llfsm.errors import printable
 
 _COLOURS: Final = ("cyan", "yellow", "green", "magenta", "blue", "bright_red")
 
@@ -87,11 +87,10 @@ class _Output:
 
     def show(self, name: str, line: str) -> None:
         """Show a line that a process has printed."""
-        prefix = click.style(f"{name:{self._width}} |", fg=self._colours[name])
-        click.echo(f"{prefix} {printable(line)}")
+        echo_from(f"{name:{self._width}} |", line, self._colours[name])
         if name in self._files:
             self._files[name].write(f"{datetime.now().isoformat(timespec='milliseconds')} {line}\n")
 
     def report(self, text: str) -> None:
         """Report what becomes of a process."""
-        click.echo(text, err=True)
+        echo(text, err=True)
