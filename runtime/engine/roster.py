@@ -99,6 +99,7 @@ class Roster(Generic[S]):
             self.seats.append(seat)
         else:
             self.seats[seat.index] = seat
+            self.named = {each.name: each for each in self}
 
     def remove(self, seat: S) -> bool:
         """Leave a hole in place of a seat; return False if it has gone before."""

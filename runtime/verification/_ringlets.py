@@ -546,11 +546,14 @@ class Ringlets(Control):
             seat.taken = control.loaded
             if control.loaded:
                 roster.add(seat)
-                order = sorted(roster, key=lambda each: each.index)  # in which errors list them
+                order = sorted(roster, key=self._order)  # in which errors list them
                 roster.named = {each.name: each for each in order}
                 vars(seat.machine).update(self._ports[place])  # it may post when it leaves again
             else:
                 roster.remove(seat)
+
+    def _order(self, seat: Seat) -> tuple[bool, int]:
+        return seat.inner, self.places[seat.name]
 
     def _control_of(self, place: int) -> int:
         seat = self.seats[place]

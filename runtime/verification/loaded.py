@@ -102,7 +102,8 @@ class ExploredLoader(InnerLoader):
         """The number of machines that are there at the start, but inner ones and monitors."""
         there = {Loading.of(n, seat): seat for n, seat in enumerate(seats[: self.members])}
         self._loaded = {each: self._place_of(each) for each in sorted(found.loaded)}
-        self._seats = there | self._loaded
+        every = (there | self._loaded).items()
+        self._seats = dict(sorted(every, key=lambda item: item[0].index))
         self.outermost = [*self._seats.values(), *seats[self.members :]]
         """The seats of all machines but inner ones, in the order of their turns."""
 

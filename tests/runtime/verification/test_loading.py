@@ -172,17 +172,23 @@ KEEPS = {"actions": [("load", 1, None, False), ("abandon", "Keeper")], "most": 1
 AFTER = {"actions": [("load", 0, None, False), ("load", 1, None, False)], "most": 2, "waits": ""}
 FILLS = AFTER | {"actions": [("load", 0, None, False), ("unload", "Worker"), ("load", 1, None, 0)]}
 LEAVES = AFTER | {"actions": [("load", 1, None, False), ("load", 0, None, False)], "waits": "door"}
+REPLACES = {"actions": [("load", 1, "X", False), ("running", "B")], "most": 1, "waits": "out"}
+NOTES = {"actions": [("running", "X"), ("at 1",)], "most": 1, "waits": "out"}
 
 
 @settings(max_examples=examples(60))
-@example(first=KEEPS, second=None)
-@example(first=AFTER, second=None)
-@example(first=FILLS, second=None)
-@example(first=LEAVES, second=AFTER)
-@given(first=loaders, second=st.none() | loaders)
+@example(front=None, first=KEEPS, second=None)
+@example(front=None, first=AFTER, second=None)
+@example(front=None, first=FILLS, second=None)
+@example(front=None, first=LEAVES, second=AFTER)
+@example(front=Keeper, first=REPLACES, second=NOTES)
+@given(front=st.sampled_from([None, *CLASSES]), first=loaders, second=st.none() | loaders)
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
-def test_random_loaders_have_as_many_states_as_replayed_runs(first: Any, second: Any) -> None:
+def test_random_loaders_have_as_many_states_as_replayed_runs(
+    front: type[Machine] | None, first: Any, second: Any
+) -> None:
     machines = [loader("A", first), *([loader("B", second)] if second else [])]
+    machines = [*([front] if front else []), *machines]
     how: dict[str, Any] = {"period_ms": 10, "sensors": {DOOR: DOORS}, "on_error": "suspend"}
     try:
         explored = explore(machines, max_states=250, **how)
