@@ -279,7 +279,7 @@ def of_division(piece: Piece, node: ast.BinOp | ast.AugAssign | ast.Call) -> Ite
         case ast.UnaryOp(ast.USub() | ast.UAdd(), operand):
             right = operand
     zero = isinstance(right, ast.Constant) and type(right.value) in (int, float) and not right.value
-    if divides and zero and not any(isinstance(each, ast.Try) for each in nodes_of(piece.code)):
+    if divides and zero and not piece.catches:
         yield piece.finding(node, "error", "this divides by 0")
 
 
@@ -524,8 +524,7 @@ def of_effectless(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
             return
         case _:
             return
-    tries = any(isinstance(each, ast.Try) for each in nodes_of(piece.code))
-    if not tries and not _has_call(node):
+    if not piece.catches and not _has_call(node):
         yield piece.finding(node, "warning", text)
 
 

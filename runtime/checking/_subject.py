@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
 from llfsm.runtime.engine.table import Table
-from llfsm.runtime.expressions.reads import Code
+from llfsm.runtime.expressions.reads import Code, nodes_of
 from llfsm.runtime.expressions.types import Types
 
 Severity: TypeAlias = Literal["error", "warning"]
@@ -96,6 +96,12 @@ class Piece(NamedTuple):
     code: Code
     types: Types
     table: Table
+
+    @property
+    def catches(self) -> bool:
+        """True if what is raised in the code may be caught there, as by `with suppress(...)`."""
+        kinds = ast.Try | ast.TryStar | ast.With
+        return any(isinstance(each, kinds) for each in nodes_of(self.code))
 
     def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
         """Make a finding at a node; in a bundle, names stand alone."""

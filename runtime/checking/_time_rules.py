@@ -119,8 +119,7 @@ def of_waiting(piece: Piece, node: ast.Call) -> Iterator[Finding]:
 
 def _made_or_known(piece: Piece, node: ast.expr) -> Options:
     """Type an expression; also one that calls a class, there or where a name gets its value."""
-    if isinstance(node, ast.Name) and (value := piece.types.assigned(node.id)) is not None:
-        return _made_or_known(piece, value)
+    node = piece.types.origin(node)
     if isinstance(node, ast.Call):
         made = piece.types.value_of(node.func)
         if isinstance(made, type):

@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 from llfsm.runtime.checking._subject import Finding, Piece, Subject
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.table import Table
-from llfsm.runtime.expressions.reads import nodes_of, uses_of
+from llfsm.runtime.expressions.reads import CLOCK, nodes_of, uses_of
 from llfsm.runtime.expressions.types import BUILT_IN, is_message, kind_of, named
 
 _LONG: Final = {"comb", "factorial", "perm", "prod"}
@@ -42,7 +42,7 @@ _ORDERS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 def of_arguments(piece: Piece, node: ast.Call) -> Iterator[Finding]:
     """Find arguments that functions of Python and its `math` do not take."""
     function = piece.types.value_of(node.func)
-    if not _is_of_python(function) or _may_raise(piece):
+    if not _is_of_python(function) or piece.catches:
         return
     starred = any(isinstance(each, ast.Starred) for each in node.args)
     if starred or any(each.arg is None for each in node.keywords):
@@ -89,11 +89,6 @@ def _is_unwritten(arguments: Sequence[ast.expr]) -> bool:
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         return True
     return False
-
-
-def _may_raise(piece: Piece) -> bool:
-    """Check for code that catches what is raised in it."""
-    return any(isinstance(each, ast.Try) for each in nodes_of(piece.code))
 
 
 def of_called(piece: Piece, node: ast.Call) -> Iterator[Finding]:
@@ -318,7 +313,8 @@ def own_posts(subject: Subject, table: Table) -> Iterator[Finding]:
         for transition in state.transitions if posted else ():
             if transition.guard is None or transition.after_ms:
                 continue
-            for name in uses_of(transition.guard).loaded:
+            uses = uses_of(transition.guard)
+            for name in () if uses.called.keys() & CLOCK.keys() else uses.loaded:  # one that waits
                 sensor = table.sensors.get(name)
                 if sensor is not None and sensor.slot.name in posted:
                     text = (

@@ -189,6 +189,14 @@ class Types:
         """Check if a name is one of the code's own, or of a parameter that is given."""
         return name in self._locals or name in self._given
 
+    def origin(self, node: ast.expr) -> ast.expr:
+        """Follow a name of the code's own to the only value that it gets, as far as it has one."""
+        followed: set[str] = set()
+        while isinstance(node, ast.Name) and node.id not in followed:
+            followed.add(node.id)
+            node = self._locals.get(node.id) or node
+        return node
+
     def assigned(self, name: str) -> ast.expr | None:
         """Give the only value that the code gives a name of its own; None if there are others."""
         return self._locals.get(name)

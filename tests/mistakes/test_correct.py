@@ -15,6 +15,7 @@ HEAD = """
 import itertools
 import math
 from collections import Counter, defaultdict, deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum, Flag, IntEnum, auto
 from functools import partial, reduce
@@ -269,6 +270,10 @@ SECTIONS = [
     "try:\n    self.count = int(self.word)\nexcept ValueError:\n    self.count = 0",
     "try:\n    self.ratio = 1 / self.count\nexcept ZeroDivisionError:\n    self.ratio = 0.0",
     "try:\n    self.count = int('three')\nexcept ValueError:\n    self.count = 3",
+    "with suppress(ValueError):\n    self.count = int('three')",
+    "with suppress(ZeroDivisionError):\n    self.ratio = 1 / 0",
+    "one, other = self.drive, self.drive\nfor _ in range(3):\n    one = other\n    other = one\n"
+    "one(Point())",
     "assert self.count >= 0, 'it is counted up'",
     "if self.count < 0:\n    raise ValueError('it is counted up')",
     "if self.count > 5:\n    self.count = 0\nelif self.count > 3:\n    self.count = 1",
@@ -342,6 +347,14 @@ def test_a_guard_has_no_finding(tmp_path: Path, guard: str) -> None:
 @pytest.mark.parametrize("section", SECTIONS)
 def test_a_section_has_no_finding(tmp_path: Path, section: str) -> None:
     assert_correct(tmp_path / "correct.py", program("self.count > 3", section))
+
+
+def test_a_guard_that_waits_finds_what_its_own_state_has_posted(tmp_path: Path) -> None:
+    text = program("self.after(0.5) and self.last is not None", "self.drive(Point())")
+    text = text.replace("    count: int", '    last = Sensor(Slot("drive", Point))\n    count: int')
+    assert_correct(tmp_path / "correct.py", text)
+    (tmp_path / "early.py").write_text(text.replace("self.after(0.5) and ", ""))
+    assert "finds the message before" in call("check", "early.py:M", cwd=tmp_path).stdout
 
 
 def assert_correct(file: Path, text: str) -> None:
