@@ -279,13 +279,13 @@ class Ringlets(Control):
             not goes_on,
             goes_on and resumed,
             resumed,
-            self._numbered(environment.posted),
+            self._numbered(environment.posted) if environment.posted else (),
             self._numbered(environment.found) if environment.found else (),
             changed,
             parts,
-            tuple(
-                [(_clocked(since, was, clock_state), limit) for since, limit in environment.limits]
-            ),
+            tuple([(_clocked(since, was, clock_state), ns) for since, ns in environment.limits])
+            if environment.limits
+            else (),
             way,
             0 if error is None else self.errors.code(str(error), error),
         )
@@ -333,12 +333,14 @@ class Ringlets(Control):
         """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
         seat = self.seats[place]
         attributes = vars(seat.machine)
-        wrong = [] if attributes.get("stopping") is self.kernel.stopping else ["stopping"]
+        wrong = "" if attributes.get("stopping") is self.kernel.stopping else "stopping"
         if seat.taken:  # else its actuators are closed
-            wrong += [n for n, port in self._actuators[place] if attributes.get(n) is not port]
+            for name, port in self._actuators[place]:
+                if attributes.get(name) is not port:
+                    wrong = wrong or name
         if wrong and self.environment.refusal is None:
             self.environment.refusal = UnsupportedError(
-                f"{seat.name} assigns to its {wrong[0]!r}: this cannot be explored"
+                f"{seat.name} assigns to its {wrong!r}: this cannot be explored"
             )
 
     def fingerprint(self, place: int) -> object:
@@ -502,7 +504,8 @@ class Ringlets(Control):
             environment.contents.setdefault(seat.slot_of(sensor).name, None)
         found = {**environment.found}
         super().abandon(name, caller)
-        environment.found = found
+        environment.found.clear()
+        environment.found.update(found)
         if self.kernel.error is not None:
             raise self.kernel.error
         return True

@@ -47,6 +47,7 @@ _MOST_CHOICES = 100_000
 """Choices of the environment at one turn; far fewer already make too many states."""
 _SAMPLE, _PART = 1_000, 25
 """Ringlets that are run again: so many or, if that is more, one of so many."""
+_NONE = Limits()
 _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
 
@@ -140,6 +141,8 @@ class System:
         self.answers: dict[str, tuple[int, ...]] = {}
         """The numbers of the answers to each question, by what holds them."""
         self._kept: dict[_Key, tuple[_Kept, ...]] = {}
+        self._known: set[tuple[int, int]] = set()
+        """The control states that ringlets have led to, each after its place."""
         self._kinds: dict[Hashable, tuple[Given, RingletOutcome]] = {}
         """A kept ringlet of each kind: from where to where, by which request and transition."""
         self._connect(sensors)
@@ -430,8 +433,12 @@ class System:
                 raise RelearnError
 
     def _learn_controls(self, *controls: tuple[int, int]) -> None:
+        new = [each for each in controls if each not in self._known]
+        if not new:
+            return
+        self._known.update(new)
         codes, known = self.ringlets.controls, len(self.leavers) + len(self.standing)
-        for place, code in controls:
+        for place, code in new:
             control: ControlState = codes[place].values[code]
             if not control.loaded:
                 self.leavers.add(place)
@@ -538,13 +545,11 @@ class System:
 
     def limits_of(self, place: int, control: ControlState) -> Limits:
         """List the times asked about in a control state; none if the state's clock does not run."""
-        none = Limits()
-        return self.limits[place].get(control.current, none) if control.entered else none
+        return self.limits[place].get(control.current, _NONE) if control.entered else _NONE
 
     def stood_limits(self, place: int, control: ControlState) -> Limits:
         """List the times asked about in the state in which a machine stands; none if in none."""
-        none = Limits()
-        return self.limits[place].get(control.remembered, none) if control.stood else none
+        return self.limits[place].get(control.remembered, _NONE) if control.stood else _NONE
 
     def require_all_stay(self, prop: Property) -> None:
         """Refuse a time limit under a timetable in which a turn may be left out.

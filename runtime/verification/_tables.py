@@ -356,9 +356,16 @@ class Tables:
             contents = kept + slots
             outcome = system.outcome(
                 Given(
-                    *(place, control, variables, elapsed_ns, stood_ns),
-                    *(contents, others, inner),
-                    *(request, stopping or stop),
+                    place,
+                    control,
+                    variables,
+                    elapsed_ns,
+                    stood_ns,
+                    contents,
+                    others,
+                    inner,
+                    request,
+                    stopping or stop,
                 )
             )
             yield choice, contents, outcome

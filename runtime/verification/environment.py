@@ -233,6 +233,10 @@ class ExploredEnvironment(Environment):
         self.high_ns: float = inf
         """It has the same effects for all times in its state above `low_ns`, up to `high_ns`."""
         self.refusal: UnsupportedError | None = None
+        self._noted: tuple[set[str] | dict[Any, Any], ...] = (
+            *(self.posted, self.found, self.touched, self.looked, self.made, self.ended),
+            *(self.limits, self._questions),
+        )
         self._machine = ""
         self._elapsed_ns: int | None = None
         self._stood_ns = 0
@@ -251,12 +255,11 @@ class ExploredEnvironment(Environment):
         It has been in its state for `elapsed_ns`, None if it is about to enter it; and in that in
         which it stands for `stood_ns`.
         """
-        self.posted, self.found = {}, {}
-        self.touched, self.looked, self.made, self.ended = set(), set(), set(), set()
-        self.limits, self.unanswered = {}, ""
-        self._questions.clear()
+        for noted in self._noted:
+            if noted:  # few are, and this is done for each ringlet
+                noted.clear()
+        self.unanswered, self.refusal = "", None
         self.low_ns, self.high_ns = -inf, inf
-        self.refusal = None
         self._machine, self._elapsed_ns, self._stood_ns = machine, elapsed_ns, stood_ns
 
     def refuse(self, what: str, machine: str = "") -> NoReturn:
