@@ -78,6 +78,10 @@ def process_text(process: Process, word: str = "pid") -> str:
 
 def born(pid: int) -> int:
     """Look up the start of a process, in clock ticks since boot; 0 if it does not run."""
+    return _own_start(pid) if pid == os.getpid() else _look_up(pid)
+
+
+def _look_up(pid: int) -> int:
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
             # The second field is the name, in parentheses, which may contain anything. The rest
@@ -86,6 +90,11 @@ def born(pid: int) -> int:
     except OSError:
         return 0
     return 0 if state == b"Z" else int(fields[18])
+
+
+_own_start = cache(_look_up)  # a process asks for its own at each claim of a slot
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_own_start.cache_clear)  # whose id an ancestor may have had
 
 
 def lives(pid: int, started: int) -> bool:

@@ -57,15 +57,20 @@ def body_of(function: Callable[..., Any]) -> str | None:
     if isinstance(function, TextOnly):
         return function.text
     code = getattr(function, "__code__", None)
-    parsed = None if code is None else parse_file(code.co_filename)
-    if code is None or parsed is None:
+    return None if code is None else _body(code.co_filename, code)
+
+
+@lru_cache(maxsize=1024)
+def _body(filename: str, code: CodeType) -> str | None:
+    parsed = parse_file(filename)
+    if parsed is None:
         return None
     text, _ = parsed
     if code.co_varnames and not code.co_varnames[0].isidentifier():
         return text  # a bundle's code has a machine that it cannot name
-    node = _syntax(code.co_filename, code)
+    node = _syntax(filename, code)
     if not isinstance(node, ast.FunctionDef):
-        return _expression(code.co_filename, code)
+        return _expression(filename, code)
     body = _undocumented(node)
     return "" if not body else _lines_of(text.splitlines(), node, body)
 

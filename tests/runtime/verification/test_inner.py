@@ -45,7 +45,7 @@ def _quiet() -> Iterator[None]:
 HOW = [("again", "runs"), ("in_place", "runs"), ("in_place", "stops")]
 
 
-@settings(max_examples=examples(60))
+@settings(max_examples=examples(30))
 @given(world=worlds, how=st.sampled_from(HOW))
 @example(world=(PLAIN, LOOKING, PARKED, "middle", []), how=HOW[0])  # it is forgotten at the end
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")

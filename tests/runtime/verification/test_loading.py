@@ -176,7 +176,7 @@ REPLACES = {"actions": [("load", 1, "X", False), ("running", "B")], "most": 1, "
 NOTES = {"actions": [("running", "X"), ("at 1",)], "most": 1, "waits": "out"}
 
 
-@settings(max_examples=examples(60))
+@settings(max_examples=examples(20))
 @example(front=None, first=KEEPS, second=None)
 @example(front=None, first=AFTER, second=None)
 @example(front=None, first=FILLS, second=None)

@@ -13,7 +13,7 @@ from real_runs import RealRun, assert_real_run_contained, real_runs
 
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
 @settings(
-    max_examples=30,
+    max_examples=15,
     deadline=None,
     derandomize=True,
     phases=[Phase.generate],
