@@ -1,12 +1,15 @@
 """A machine that drives, and a program that runs it or writes what it reads, to be killed by tests.
 
-`driving.py DIRECTORY BOARD ONCE WILL_AFTER_MS` runs the machine, `driving.py DIRECTORY BOARD` posts
+`driving.py DIRECTORY BOARD ONCE WILL_AFTER_MS` runs the machine, and executes another program when
+SIGUSR1 arrives; `driving.py DIRECTORY BOARD` posts
 the numbers on its standard input and prints a line after each.
 """
 
 from __future__ import annotations
 
 import logging
+import os
+import signal
 import subprocess
 import sys
 
@@ -104,6 +107,7 @@ def write(board: Whiteboard) -> None:
 
 def drive(board: Whiteboard, once: str, will_after_ms: str) -> None:
     logging.basicConfig(level=logging.WARNING)
+    signal.signal(signal.SIGUSR1, lambda *_: os.execvp("sleep", ["sleep", "600"]))
     live = LiveEnvironment(board, will_after_ms=int(will_after_ms) or None)
     Arrangement([Drives(once=once == "1")], environment=live).run(grace_s=0.01)
 

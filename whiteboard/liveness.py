@@ -82,14 +82,29 @@ def born(pid: int) -> int:
 
 
 def _look_up(pid: int) -> int:
+    state, *fields = _fields(pid)
+    return 0 if state == b"Z" else int(fields[18])
+
+
+def program(pid: int) -> int:
+    """Look up what changes when a process executes another program: where its stack begins.
+
+    It is 0 for one that does not run, and for those of other users.
+    """
+    return int(_fields(pid)[25])
+
+
+def _fields(pid: int) -> list[bytes]:
+    """Read what the system says of a process, from the third field on: its state.
+
+    The start time is the 22nd, the start of the stack the 28th; all are 0 if it does not run.
+    """
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
-            # The second field is the name, in parentheses, which may contain anything. The rest
-            # begins with the third field, the state; the start time is the 22nd.
-            state, *fields = file.read().rpartition(b")")[2].split()
+            # The second field is the name, in parentheses, which may contain anything.
+            return file.read().rpartition(b")")[2].split()
     except OSError:
-        return 0
-    return 0 if state == b"Z" else int(fields[18])
+        return [b"0"] * 26
 
 
 _own_start = cache(_look_up)  # a process asks for its own at each claim of a slot

@@ -294,5 +294,12 @@ class Reader:
         return (self.folder / name).exists()
 
     def data(self, name: str) -> bytes | None:
-        """Read a file of the folder; None if it does not exist."""
-        return read_file(self.folder / name)
+        """Read a file of the folder; None if it does not exist.
+
+        A link out of it is an error: a bundle from elsewhere could have any file of its reader
+        shown, converted or packaged.
+        """
+        file = self.folder / name
+        if file.is_symlink() and not file.resolve().is_relative_to(self.folder):
+            raise BundleError("a link out of the bundle; put the file itself here", file)
+        return read_file(file)

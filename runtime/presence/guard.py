@@ -2,7 +2,8 @@
 
 The kernel reports the death of a process of this host at once, through a descriptor that the guard
 polls together with the others; ids are used again, so the time at which a process began is looked
-up, too, and after the descriptor was opened. A process of another host, or one that may only be
+up, too, and after the descriptor was opened. One that executes another program has died as well,
+though its id and its begin stay. A process of another host, or one that may only be
 silent for so long, counts as dead when its status is too old. Any number of guards may watch a
 board: `execute` lets one of them post each value.
 
@@ -28,7 +29,7 @@ from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
-from llfsm.whiteboard.liveness import host_name, identity, is_local, lives
+from llfsm.whiteboard.liveness import host_name, identity, is_local, lives, program
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -69,19 +70,24 @@ class _Death(NamedTuple):
 class _Process:
     """A process that has left wills: many machines cost one descriptor, and one look."""
 
-    def __init__(self, pid: int, born: int):
-        self.id = pid, born
+    def __init__(self, pid: int, born: int, executes: int):
+        self.id = pid, born, executes
         self.wills = 0
         """How many of its wills are watched."""
         self.pidfd: int | None = None
         with suppress(OSError, OverflowError):  # no such process, or too many files
             self.pidfd = os.pidfd_open(pid)
         self.died = not lives(pid, born)  # looked up after that, as ids are used again
+        self.replaced = False
+        """True if it executes another program now."""
 
     def look(self) -> None:
-        """Look the process up if the kernel does not report its death."""
+        """Look up what no pidfd reports: another program; if there is none, a death, too."""
+        pid, born, executes = self.id
         if self.pidfd is None:
-            self.died = self.died or not lives(*self.id)
+            self.died = self.died or not lives(pid, born)
+        if executes and not self.died and program(pid) not in (0, executes):
+            self.died = self.replaced = lives(pid, born)
 
 
 class _Watched:
@@ -122,7 +128,7 @@ class Guard:
         self._list_s = 0.0
         self._poll = select.poll()
         self._watched: dict[str, _Watched] = {}  # by name of the slot
-        self._processes: dict[tuple[int, int], _Process] = {}
+        self._processes: dict[tuple[int, int, int], _Process] = {}
         self._by_pidfd: dict[int, _Process] = {}
 
     def look(self) -> None:
@@ -199,9 +205,10 @@ class Guard:
 
     def _open(self, will: LastWill) -> _Process:
         """Watch the will's process."""
-        process = self._processes.get((will.pid, will.born))
+        key = will.pid, will.born, program(will.pid)
+        process = self._processes.get(key)
         if process is None:
-            process = self._processes[will.pid, will.born] = _Process(will.pid, will.born)
+            process = self._processes[key] = _Process(*key)
             if process.pidfd is not None:
                 self._by_pidfd[process.pidfd] = process
                 self._poll.register(process.pidfd, select.POLLIN)
@@ -228,7 +235,8 @@ class Guard:
         if will is None:
             return None
         if watched.process is not None and watched.process.died:
-            return _Death("died without shutting down")
+            replaced = watched.process.replaced
+            return _Death("executes another program" if replaced else "died without shutting down")
         local = watched.process is not None
         limit_s = will.silent_ms / 1e3 if local else self._mirror().partition_s
         silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0

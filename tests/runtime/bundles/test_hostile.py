@@ -74,20 +74,32 @@ def test_cpp_that_is_nested_too_deep_is_not_translated(lamp: Path, what: str) ->
     "name",
     ["Language", "States", "State_A_OnEntry.py", "State_A_Transition_0.expr", "Layout.plist"],
 )
-@pytest.mark.parametrize("kind", ["pipe", "link to a pipe", "device"])
-def test_a_pipe_or_device_is_an_error(bundle: Write, tmp_path: Path, name: str, kind: str) -> None:
+@pytest.mark.parametrize("kind", ["pipe", "link to a pipe", "device", "secret"])
+def test_a_pipe_or_link_out_is_an_error(
+    bundle: Write, tmp_path: Path, name: str, kind: str
+) -> None:
     folder = bundle(expr="True")
     file = folder / name
     file.unlink(missing_ok=True)
     if kind == "pipe":
         os.mkfifo(file)
-    elif kind == "device":
-        file.symlink_to("/dev/zero")
+    elif kind == "link to a pipe":
+        os.mkfifo(folder / "pipe")
+        file.symlink_to(folder / "pipe")
     else:
-        os.mkfifo(tmp_path / "pipe")
-        file.symlink_to(tmp_path / "pipe")
-    with pytest.raises(BundleError, match=f"{name}: not a regular file"):
+        (tmp_path / "secret").write_text("x = 1\n")
+        file.symlink_to("/dev/zero" if kind == "device" else tmp_path / "secret")
+    what = "not a regular file" if "pipe" in kind else "a link out of the bundle"
+    with pytest.raises(BundleError, match=f"{name}: {what}"):
         read_bundle(folder)
+
+
+def test_a_link_within_the_bundle_is_followed(bundle: Write) -> None:
+    folder = bundle(expr="True")
+    (folder / "shared.py").write_text("pass\n")
+    (folder / "State_A_OnExit.py").symlink_to("shared.py")
+    section = read_bundle(folder).states[0].sections["OnExit"]
+    assert section.text == "pass\n"
 
 
 @pytest.mark.parametrize("depth", [500, 50_000])

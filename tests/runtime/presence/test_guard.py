@@ -73,6 +73,22 @@ def test_a_process_that_died_before_the_guard_came_is_dead_as_well(
     ]
 
 
+def test_a_process_that_executes_another_program_has_died(
+    board: Whiteboard, runs: Runs, guard: Guard, caplog: pytest.LogCaptureFixture
+) -> None:
+    process = runs.start()
+    look = rounds(guard)
+    look()
+    process.send_signal(signal.SIGUSR1)
+    wait_for(lambda: is_executed(board), "the will is executed", between=look)
+    assert process.poll() is None
+    assert board.get_message(DRIVE) == SAFE
+    assert caplog.messages == [
+        f"Drives: process {process.pid} executes another program; "
+        f"posted its safe values to drive, lamp"
+    ]
+
+
 def test_a_successor_that_posts_is_not_stopped(board: Whiteboard, runs: Runs, guard: Guard) -> None:
     guard.look()
     first = runs.start()
