@@ -11,17 +11,21 @@ of a keyed relay has messages for many slots: each key is to have a channel, as 
 each has a slot. Such a bag is converted when it is opened, in one pass: its messages are read one
 by one, those of keyed topics split, and written to a temporary file that is deleted with the
 recording. In memory are a chunk of each file, and what :class:`.Index` keeps.
+
+Temporary files are bounded: a file may unpack to a hundred times its size. Their folder is removed
+when its process ends, and that of a process which was killed by the next one that makes one.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir, mkdtemp
 from typing import Any, TypeAlias
 from urllib.parse import quote
 
@@ -32,7 +36,13 @@ from mcap.well_known import Profile, SchemaEncoding
 from mcap.writer import Writer
 
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.mcap_file import LONGEST_RECORD, Index, McapFile, MessageRecord
+from llfsm.bridges.recording.mcap_file import (
+    LARGEST_CHUNK,
+    LONGEST_RECORD,
+    Index,
+    McapFile,
+    MessageRecord,
+)
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, KeyPath, RelayConfig
 from llfsm.bridges.ros2.bridging.service_slots import capacity_for
@@ -42,9 +52,14 @@ from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled, unbundled
 from llfsm.runtime.log import logger
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
+from llfsm.whiteboard.liveness import lives, this_process
 from llfsm.whiteboard.slot_names import is_own
 
 CDR = "cdr"
+_TEMPORARY = "llfsm-bag-"
+_MOST_TIMES = 100  # a bag of one camera's black picture is packed by less
+_LEAST_UNPACKED = 1 << 28  # bytes that any file may unpack to
+_WINDOW = 1 << 27  # bytes of what was unpacked that zstd looks back at: its own limit
 
 
 class BagWriter(RecordingWriter):
@@ -146,7 +161,8 @@ def open_indexed(path: Path, keyed: Mapping[str, RelayConfig], owner: object) ->
     """
     file = _single_file(path)
     if file is None:
-        return _converted(path, _by_rosbags(path), keyed, owner)
+        folder = _temporary(owner)
+        return _converted(path, _by_rosbags(path, folder), keyed, folder)
     source = McapFile(file)
     if source.is_unchunked:
         items = _unchunked(source)
@@ -154,7 +170,7 @@ def open_indexed(path: Path, keyed: Mapping[str, RelayConfig], owner: object) ->
         items = _chunked(source)
     else:
         return source
-    return _converted(file, items, keyed, owner, source)
+    return _converted(file, items, keyed, _temporary(owner), source)
 
 
 def _single_file(path: Path) -> Path | None:
@@ -214,21 +230,85 @@ def _check_databases(path: Path) -> None:
             )
 
 
-def _by_rosbags(path: Path) -> Iterator[_Item]:
+def _temporary(owner: object) -> Path:
+    """Make a folder that is removed with `owner`; remove those of processes that were killed."""
+    pid, started, _, namespace = this_process()
+    for left in Path(gettempdir()).glob(f"{_TEMPORARY}{namespace}-*-*-*"):
+        of, born, _ = left.name.removeprefix(f"{_TEMPORARY}{namespace}-").split("-", 2)
+        if started and of.isdecimal() and born.isdecimal() and not lives(int(of), int(born)):
+            shutil.rmtree(left, ignore_errors=True)  # which no other user's is
+    folder = Path(mkdtemp(prefix=f"{_TEMPORARY}{namespace}-{pid}-{started}-"))
+    weakref.finalize(owner, _remove, folder, pid)
+    return folder
+
+
+def _remove(folder: Path, pid: int) -> None:
+    if os.getpid() == pid:  # not in a process that was forked
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _unpacked(bag: Path, folder: Path) -> Path:
+    """Unpack the files of a bag that compresses each as a whole; return the bag of what results."""
+    from ruamel.yaml import YAML
+    from zstandard import ZstdDecompressor
+
+    yaml = YAML(typ="safe", pure=True)
+    made = folder / "unpacked"
+    made.mkdir()
+    about = yaml.load(bag / "metadata.yaml")
+    bag_about = about["rosbag2_bagfile_information"]
+    names = [Path(name).name.removesuffix(".zstd") for name in bag_about["relative_file_paths"]]
+    for name in names:
+        source = bag / f"{name}.zstd"
+        most = max(_LEAST_UNPACKED, _MOST_TIMES * source.stat().st_size)
+        with source.open("rb") as packed, (made / name).open("wb") as file:
+            for part in ZstdDecompressor(max_window_size=_WINDOW).read_to_iter(packed):
+                file.write(part)
+                if file.tell() > most:
+                    raise ValueError(
+                        f"{source.name} unpacks to more than {_MOST_TIMES} times its size; "
+                        f"if you trust it, unpack it with zstd -d"
+                    )
+    bag_about |= {"relative_file_paths": names, "compression_format": "", "compression_mode": ""}
+    yaml.dump(about, made / "metadata.yaml")
+    return made
+
+
+def _unpacked_message(data: bytes) -> bytes:
+    from zstandard import ZstdDecompressor
+
+    found = ZstdDecompressor(max_window_size=_WINDOW).stream_reader(data).read(LARGEST_CHUNK + 1)
+    if len(found) > LARGEST_CHUNK:
+        raise ValueError(f"a message unpacks to more than {LARGEST_CHUNK} bytes")
+    return found
+
+
+def _by_rosbags(path: Path, folder: Path) -> Iterator[_Item]:
+    """Read a bag by rosbags; unpack its files into a folder if they are compressed."""
     from rosbags.rosbag2 import Reader
 
-    _check_databases(path)
     types = TypeLibrary()
     try:
-        with Reader(path) as bag:
+        bag_path = path
+        if path.is_dir() and _has_compressed(_metadata(path), "file"):
+            bag_path = _unpacked(path, folder)
+        _check_databases(bag_path)
+        with Reader(bag_path) as bag:
             for number, each in enumerate(bag.connections, 1):
                 text = each.msgdef.data
                 if not text or each.msgdef.format.name != "MSG":
                     text = _known_text(types, each.msgtype)
                 schema = Schema(number, text.encode(), SchemaEncoding.ROS2, each.msgtype)
                 yield Channel(each.id, each.topic, CDR, {}, number), schema
+            unpack: Callable[[bytes], bytes] = bytes
+            if bag.compression_mode == "message":  # which rosbags would do without a limit
+                bag.storage.metadata = bag.storage.metadata._replace(compression_mode=None)
+                unpack = _unpacked_message
             for connection, stamp_ns, data in bag.messages():
-                yield MessageRecord(stamp_ns, stamp_ns, 0, connection.id, bytes(data))
+                yield MessageRecord(stamp_ns, stamp_ns, 0, connection.id, unpack(data))
+        shutil.rmtree(folder / "unpacked", ignore_errors=True)
+    except RecordingFileError:
+        raise
     except Exception as error:  # whatever rosbags raises for a bag that is none
         raise RecordingFileError(f"{path}: cannot be read as a bag: {error}") from error
 
@@ -274,13 +354,11 @@ def _converted(
     path: Path,
     items: Iterator[_Item],
     keyed: Mapping[str, RelayConfig],
-    owner: object,
+    folder: Path,
     source: McapFile | None = None,
 ) -> McapFile:
-    """Write what a source yields to a new file; `source` is the file that was converted, if any."""
-    folder = mkdtemp(prefix="llfsm-bag-")
-    weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
-    target = Path(folder, "bag.mcap")
+    """Write what a source yields to a file in a folder; `source` is the file it is from, if any."""
+    target = folder / "bag.mcap"
     channels: dict[int, _CopiedChannel | _SplitChannel] = {}
     with target.open("wb") as file:
         writer = Writer(file)

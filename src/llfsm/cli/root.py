@@ -5,15 +5,18 @@ The table names each command as ``module:function`` in llfsm.cli, which no type 
 tests/cli/test_lazy.py resolves every row.
 
 Every error of llfsm, and each of a file that cannot be reached, is handled here: one line on
-standard error and exit status 1, or its traceback with ``--debug``.
+standard error and exit status 1, or its traceback with ``--debug``. SIGTERM ends commands as an
+error does, so that no temporary file is left; commands that run until then handle it themselves.
 """
 
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
+import threading
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import click
 
@@ -142,8 +145,18 @@ _BRIDGE = {
 }
 
 
+_TERMINATED = 128 + signal.SIGTERM  # as shells report it
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise SystemExit(_TERMINATED)
+
+
 class _Root(LazyGroup):
     def invoke(self, ctx: click.Context) -> Any:
+        is_main = threading.current_thread() is threading.main_thread()
+        if is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, _terminate)
         try:
             return super().invoke(ctx)
         except click.ClickException as error:

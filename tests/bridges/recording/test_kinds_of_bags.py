@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import signal
 import sqlite3
 import subprocess
 import sys
+import tempfile
 from contextlib import closing
 
 import pytest
+import zstandard
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as BagsWriter
@@ -19,6 +24,7 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled
+from waiting import wait_for
 
 TYPES = TypeLibrary()
 VECTOR = "geometry_msgs/msg/Vector3"
@@ -35,7 +41,7 @@ def points(recording, slot="point"):
 EXPECTED = [float(n) for n in range(COUNT)]
 
 
-def by_rosbags(path, plugin, mode=CompressionMode.NONE):
+def by_rosbags(path, plugin, mode=CompressionMode.NONE, *, step_ns=1):
     writer = BagsWriter(path, version=9, storage_plugin=plugin)
     if mode is not CompressionMode.NONE:
         writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -44,9 +50,9 @@ def by_rosbags(path, plugin, mode=CompressionMode.NONE):
         odd = writer.add_connection("/odd", "own/msg/Odd", typestore=STORE)
         for n in range(COUNT):
             message = STORE.types[VECTOR](float(n), 0.0, 0.0)
-            writer.write(point, FROM_NS + n, STORE.serialize_cdr(message, VECTOR))
+            writer.write(point, FROM_NS + n * step_ns, STORE.serialize_cdr(message, VECTOR))
             other = STORE.types["own/msg/Odd"](n)
-            writer.write(odd, FROM_NS + n, STORE.serialize_cdr(other, "own/msg/Odd"))
+            writer.write(odd, FROM_NS + n * step_ns, STORE.serialize_cdr(other, "own/msg/Odd"))
     return path
 
 
@@ -70,6 +76,56 @@ def test_a_file_of_a_compressed_bag_is_refused_with_the_bags_name(tmp_path, plug
     (file,) = (each for each in bag.iterdir() if each.name != "metadata.yaml")
     with pytest.raises(RecordingFileError, match=f"compressed; name the bag instead: {bag}"):
         Recording(file)
+
+
+def bomb(bag, mode):
+    """Let a bag's only file, or its last message, unpack to far more than it should."""
+    if mode is CompressionMode.FILE:
+        (file,) = bag.glob("*.zstd")
+        with zstandard.ZstdCompressor().stream_writer(file.open("wb")) as stream:
+            for _ in range(300):
+                stream.write(bytes(1 << 20))
+    else:
+        packed = zstandard.compress(bytes(100 << 20))
+        with closing(sqlite3.connect(next(bag.glob("*.db3")))) as database:
+            database.execute("UPDATE messages SET data = ? WHERE id = ?", (packed, COUNT))
+            database.commit()
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("mode", "text"),
+    [
+        (CompressionMode.FILE, "unpacks to more than 100 times its size; if you trust it, unpack"),
+        (CompressionMode.MESSAGE, "a message unpacks to more than 67108864 bytes"),
+    ],
+)
+def test_what_unpacks_to_too_much_is_refused_and_leaves_nothing(tmp_path, monkeypatch, mode, text):
+    bag = bomb(by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, mode), mode)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "made"))
+    (tmp_path / "made").mkdir()
+    with pytest.raises(RecordingFileError, match=text):
+        Recording(bag)
+    gc.collect()
+    assert [*(tmp_path / "made").iterdir()] == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_a_command_that_is_ended_leaves_no_temporary_file(tmp_path, number):
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, step_ns=10**10)
+    (made := tmp_path / "made").mkdir()
+    environment = os.environ | {"TMPDIR": str(made)}
+    command = [sys.executable, "-m", "llfsm.cli", "replay", str(bag), "-b", "b"]
+    command += ["--directory", str(tmp_path)]
+    with subprocess.Popen(command, env=environment) as process:
+        wait_for(lambda: (tmp_path / "llfsm.b").exists(), "the replay has begun")
+        assert [*made.glob("*/bag.mcap")]
+        process.send_signal(number)
+    assert len([*made.iterdir()]) == (number == signal.SIGKILL)
+    reading = "import sys; from llfsm.bridges.recording.reader import Recording; "
+    code = f"{reading}Recording(__import__('pathlib').Path(sys.argv[1]))"
+    subprocess.run([sys.executable, "-c", code, str(bag)], env=environment, check=True)
+    assert [*made.iterdir()] == []
 
 
 def by_mcap(path, *, more=lambda writer: None, **settings):
