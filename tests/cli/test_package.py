@@ -153,7 +153,7 @@ def test_a_link_in_a_bundle_is_not_followed(llfsm: Llfsm) -> None:
     (bundle / "State_A_OnExit.py").symlink_to(llfsm.cwd / "secret")
     done = llfsm.run("package", "Mine")
     assert done.returncode == 1
-    assert "State_A_OnExit.py is a link" in done.stderr
+    assert "State_A_OnExit.py: a link out of the bundle" in done.stderr
     assert not (llfsm.cwd / "mine").exists()
 
 
