@@ -209,7 +209,7 @@ _Item: TypeAlias = tuple[Channel, Schema | None] | MessageRecord
 
 
 def _check_databases(path: Path) -> None:
-    """Refuse databases whose messages are computed, or not all in the file itself."""
+    """Refuse databases some of which is computed as it is read, or not in the file itself."""
     import sqlite3
 
     for file in [path] if path.suffix == ".db3" else sorted(path.glob("*.db3")):
@@ -221,12 +221,23 @@ def _check_databases(path: Path) -> None:
             )
         try:
             with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as rows:
-                columns = rows.execute("PRAGMA table_xinfo(messages)").fetchall()
+                # A view, a trigger and a virtual table have no page of their own.
+                computed = rows.execute(
+                    "SELECT type, name FROM sqlite_master WHERE ifnull(rootpage, 0) = 0"
+                ).fetchall()
+                computed = (
+                    computed
+                    or rows.execute(
+                        "SELECT 'column', m.name || '.' || x.name FROM sqlite_master AS m,"
+                        " pragma_table_xinfo(m.name) AS x WHERE m.type = 'table' AND x.hidden"
+                    ).fetchall()
+                )
         except sqlite3.Error as error:
             raise RecordingFileError(f"{file}: cannot be read as a bag: {error}") from error
-        if any(hidden for *_, hidden in columns):
+        if computed:
+            kind, name = computed[0]
             raise RecordingFileError(
-                f"{file}: cannot be read as a bag: its table of messages has computed columns"
+                f"{file}: cannot be read as a bag: its {kind} {name} is computed as it is read"
             )
 
 

@@ -221,6 +221,24 @@ def test_a_bag_in_sqlite_from_before_definitions_were_kept_is_read(tmp_path, cap
     assert "topic /odd is left out: own/msg/Odd: no definition" in caplog.text
 
 
+ENDLESS = "WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c) SELECT max(n) FROM c"
+
+
+@pytest.mark.parametrize("table", ["messages", "topics", "message_definitions", "schema"])
+def test_a_bag_with_a_view_that_computes_is_refused(tmp_path, table):
+    """Reading it would never end."""
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    with closing(sqlite3.connect(file)) as database:
+        columns = [name for _, name, *_ in database.execute(f"PRAGMA table_info({table})")]
+        database.execute(f"ALTER TABLE {table} RENAME TO kept")
+        found = ", ".join(f"({ENDLESS}) AS {name}" for name in columns)
+        database.execute(f"CREATE VIEW {table} AS SELECT {found} FROM kept")
+        database.commit()
+    with pytest.raises(RecordingFileError, match=f"its view {table} is computed as it is read"):
+        Recording(bag)
+
+
 def test_a_bag_whose_messages_are_computed_is_refused(tmp_path):
     """Sixteen kilobytes of it would be gigabytes of messages."""
     bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
@@ -233,7 +251,7 @@ def test_a_bag_whose_messages_are_computed_is_refused(tmp_path):
         )
         database.execute("insert into messages(topic_id, timestamp) values(1, 1)")
     for path in (bag, file):
-        with pytest.raises(RecordingFileError, match="computed columns"):
+        with pytest.raises(RecordingFileError, match=r"column messages\.data is computed"):
             Recording(path)
 
 
