@@ -59,10 +59,10 @@ typedef struct {
 
 static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"path", "create", NULL};
+    static char *names[] = {"path", "create", "group", NULL};
     PyObject *path;
-    int create;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Up", names, &path, &create))
+    int create, group;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Upi", names, &path, &create, &group))
         return NULL;
     Board *self = (Board *)PyType_GenericAlloc(type, 0);
     if (!self)
@@ -72,7 +72,7 @@ static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
     self->path = Py_NewRef(path);
     PyObject *bytes = NULL;
     if (PyUnicode_FSConverter(path, &bytes)) {
-        int status = lwb_open(&self->board, PyBytes_AsString(bytes), create);
+        int status = lwb_open_for(&self->board, PyBytes_AsString(bytes), create, (gid_t)group);
         Py_DECREF(bytes);
         if (!status)
             return (PyObject *)self;

@@ -26,6 +26,32 @@ def default_name() -> str:
     return os.environ.get("WHITEBOARD_NAME") or "whiteboard"
 
 
+def group_id(group: str | int | None = None) -> int:
+    """Return the id of a group: by default ``$WHITEBOARD_GROUP``; -1 for none.
+
+    Raise :class:`.BoardPermissionError` if there is none of that name, or this user is not in it.
+    """
+    if group is None:
+        group = os.environ.get("WHITEBOARD_GROUP", "")
+    if group == "":
+        return -1
+    found = int(group) if str(group).isdecimal() else _group_called(str(group))
+    if found not in (os.getegid(), *os.getgroups()) and os.geteuid():
+        raise BoardPermissionError(
+            f"this user is not in the group {group}; root can add it: usermod -aG {group} USER"
+        )
+    return found
+
+
+def _group_called(name: str) -> int:
+    import grp  # here, as Windows lacks it
+
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        raise BoardPermissionError(f"no group of this host is called {name!r}") from None
+
+
 def board_path(name: str, directory: str | os.PathLike[str] = DIRECTORY) -> Path:
     """Return the path of a board's file; raise :class:`.SlotNameError` for an invalid name."""
     if not _NAME.fullmatch(name):

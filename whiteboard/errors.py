@@ -213,7 +213,7 @@ _PLAIN: dict[int, tuple[type[WhiteboardError], str]] = {  # of `raise_status`, b
     9: (
         BoardPermissionError,
         "{}: not a whiteboard of this user: another user's file, a link or another kind of file; "
-        "choose another board name",
+        "choose another board name, or name the group that it is for (--group)",
     ),
     10: (
         BoardVersionError,

@@ -30,6 +30,7 @@ from llfsm.whiteboard.board_files import (
     board_files,
     board_path,
     default_name,
+    group_id,
     remove_board,
 )
 from llfsm.whiteboard.errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
@@ -62,6 +63,9 @@ class Whiteboard(Board):
         name: letters, digits, ``_ . -``; by default ``$WHITEBOARD_NAME``, else ``whiteboard``.
         directory: the folder of its file; by default the host's shared memory, ``/dev/shm``.
         create: make the board if it does not exist; else raise :class:`.BoardNotFoundError`.
+        group: a group of users, by its name or id: who is in it may use the board, as other
+            users and containers do. By default ``$WHITEBOARD_GROUP``, else it is for this user
+            alone. A board that is not of the group, with mode 0660, is refused.
 
     All threads of a process may use one object; a forked child may continue to use it. Messages
     live as long as the board's file, until :meth:`remove` or a reboot; closing only releases it.
@@ -79,15 +83,19 @@ class Whiteboard(Board):
         *,
         directory: str | os.PathLike[str] = DIRECTORY,
         create: bool = True,
+        group: str | int | None = None,
     ) -> None:
         super().__init__(default_name() if name is None else name)
         self.path = board_path(self.name, directory)
         require_shared_memory()
-        self._core = _shm.Board(str(self.path), create)
+        self._group = group_id(group)
+        self._core = _shm.Board(str(self.path), create, self._group)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Open the same board where this one is unpickled, as in a process of `multiprocessing`."""
-        return partial(Whiteboard, directory=str(self.path.parent), create=False), (self.name,)
+        how: dict[str, Any] = {"directory": str(self.path.parent), "create": False}
+        how["group"] = "" if self._group < 0 else self._group
+        return partial(Whiteboard, **how), (self.name,)
 
     @staticmethod
     def local(name: str = "local") -> LocalBoard:
@@ -267,19 +275,24 @@ class BoardInfo(NamedTuple):
 
 
 def boards(directory: str | os.PathLike[str] = DIRECTORY) -> list[BoardInfo]:
-    """List this user's boards by name, also damaged ones, as not used."""
+    """List the boards of this user, or of ``$WHITEBOARD_GROUP``, by name.
+
+    Damaged ones are listed as not used.
+    """
     require_shared_memory()
-    found = []
+    found, group = [], group_id()
     for name, path in board_files(directory):
         with suppress(FileNotFoundError):  # removed since it was listed
-            if path.lstat().st_uid == os.geteuid() and not path.is_symlink():
-                found.append(BoardInfo(name, _is_used(path)))
+            status = path.lstat()
+            own = status.st_uid == os.geteuid() if group < 0 else status.st_gid == group
+            if own and not path.is_symlink():
+                found.append(BoardInfo(name, _is_used(path, group)))
     return found
 
 
-def _is_used(path: Path) -> bool:
+def _is_used(path: Path, group: int) -> bool:
     try:
-        core = _shm.Board(str(path), create=False)
+        core = _shm.Board(str(path), create=False, group=group)
     except Exception:  # damaged, of another version, or gone since it was listed
         return False
     try:

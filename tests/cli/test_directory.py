@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def test_every_command_that_takes_a_board_has_it() -> None:
     for path, command in commands(main):
         options = {option for each in command.params for option in each.opts}
         if "--board" in options:
-            taking[path] = "--directory" in options
+            taking[path] = {"--directory", "--group"} <= options
     assert len(taking) > 12
     assert [path for path, has in taking.items() if not has] == []
 
@@ -53,6 +54,22 @@ def test_boards_of_one_name_in_two_folders(tmp_path: Path) -> None:
     assert llfsm("whiteboard", "rm", "b", "--directory", str(tmp_path / "one")).exit_code == 0
     assert not board_files(tmp_path / "one")
     assert board_files(tmp_path / "two")
+
+
+def test_a_board_of_a_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WHITEBOARD_GROUP", "")  # which the option changes
+    at = ("-b", "b", "--directory", str(tmp_path), "--group", str(os.getegid()))
+    added = llfsm("whiteboard", "add", "s", "{}", "--type", "std_msgs/String", *at)
+    assert (added.exit_code, added.output) == (0, "message 1 of s\n")
+    assert (tmp_path / "llfsm.b").stat().st_mode & 0o777 == 0o660
+    (tmp_path / "llfsm.b").chmod(0o600)
+    refused = llfsm("whiteboard", "get", "s", *at)
+    assert refused.exit_code == 1
+    assert "--group" in refused.output
+    monkeypatch.setenv("WHITEBOARD_GROUP", "")
+    assert llfsm("whiteboard", "get", "s", *at[:-2]).output == '{"data": ""}\n'
+    unknown = llfsm("whiteboard", "list", "--group", "robotz")
+    assert "no group of this host is called 'robotz'" in unknown.output
 
 
 def test_machines_run_on_a_board_there(tmp_path: Path, here: Path) -> None:

@@ -30,7 +30,7 @@ class Loose(Message, dict=True):
 
 def test_a_field_without_a_place_is_refused(tmp_path: Path) -> None:
     """Otherwise its check would read what is elsewhere in memory."""
-    core = _shm.Board(str(tmp_path / "board"), True)
+    core = _shm.Board(str(tmp_path / "board"), True, -1)
     fields = tuple((name, 1, 0, 9, None, ()) for name in ("count", "other"))
     with pytest.raises(TypeError, match="Loose'> keeps no field other"):
         _shm.Port(core, "a", "T", "{}", 1, 64, Loose, fields, lambda *_: None, lambda _: Loose())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import struct
 from collections.abc import Callable
@@ -100,6 +101,79 @@ def test_a_file_of_another_user(tmp_path: Path) -> None:
     with pytest.raises(BoardPermissionError, match="another user's file"):
         Whiteboard("theirs", directory=tmp_path)
     assert boards(tmp_path) == []
+
+
+MEMBER = """
+import os, sys
+from llfsm.whiteboard import Slot, Whiteboard, WhiteboardError
+from llfsm.whiteboard.messages.std_msgs import Int32
+from llfsm.whiteboard.shared import boards
+NUMBER = Slot("number", Int32)
+def become(uid, *groups):
+    os.setresuid(0, 0, 0)
+    os.setgroups(groups)
+    os.setresgid(uid, uid, uid)
+    os.setresuid(uid, uid, 0)
+def refusal(**how):
+    try:
+        Whiteboard("shared", directory=".", **how).close()
+    except WhiteboardError as error:
+        return type(error).__name__
+    return "none"
+os.chdir(sys.argv[1])
+os.chmod(".", 0o1777)
+assert NUMBER.fingerprint  # by modules that others may not be able to import
+become(20001, 30000)
+board = Whiteboard("shared", directory=".", group=30000)
+board.add_message(NUMBER, Int32(1))
+print(oct(os.stat("llfsm.shared").st_mode & 0o777), os.stat("llfsm.shared").st_gid)
+print("its owner:", refusal())
+become(20002, 30000)
+with Whiteboard("shared", directory=".", group=30000) as again:
+    print(again.get_message(NUMBER).data)
+    again.add_message(NUMBER, Int32(2))
+os.environ["WHITEBOARD_GROUP"] = "30000"
+print(board.get_message(NUMBER).data, [each.name for each in boards(".")])
+Whiteboard("private", directory=".", group="").close()
+print("private:", [each.name for each in boards(".")])
+become(20003)
+print("another:", refusal(), refusal(group=""), refusal(group=30001))
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become several users")
+def test_a_board_of_a_group_is_for_who_is_in_it(tmp_path: Path, run_python: RunPython) -> None:
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    assert run_python(MEMBER, folder).splitlines() == [
+        "0o660 30000",
+        "its owner: none",
+        "1",
+        "2 ['shared']",
+        "private: ['shared']",
+        "another: BoardPermissionError BoardPermissionError BoardPermissionError",
+    ]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be in any group")
+@pytest.mark.parametrize("mode", [0o600, 0o666, 0o640, 0o760])
+def test_a_board_of_a_group_with_another_mode_is_refused(tmp_path: Path, mode: int) -> None:
+    Whiteboard("odd", directory=tmp_path, group=30000).close()
+    (tmp_path / "llfsm.odd").chmod(mode)
+    with pytest.raises(BoardPermissionError, match="not a whiteboard of this user"):
+        Whiteboard("odd", directory=tmp_path, group=30000)
+
+
+def test_a_group_that_is_none_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(BoardPermissionError, match="no group of this host is called 'robotz'"):
+        Whiteboard("odd", directory=tmp_path, group="robotz")
+
+
+def test_a_board_of_a_group_is_pickled_as_that(tmp_path: Path) -> None:
+    with Whiteboard("own", directory=tmp_path, group=os.getegid()) as board:
+        again = pickle.loads(pickle.dumps(board))
+        assert again.path == board.path
+        again.close()
 
 
 def test_a_file_without_permission(tmp_path: Path, run_python: RunPython) -> None:

@@ -370,7 +370,7 @@ def test_a_wait_ends_when_the_board_is_removed(wb: Whiteboard) -> None:
 
 def test_a_slot_without_a_json_schema_has_a_problem(wb: Whiteboard) -> None:
     """As a program in C might make it."""
-    core = _shm.Board(str(wb.path), False)
+    core = _shm.Board(str(wb.path), False, -1)
     _shm.Port(core, "odd", "T", "{", 1, 64, Int64, (), lambda *_: None, lambda _: Int64())
     assert wb.slots()[-1].problem.startswith("its schema is not a JSON object: ")
     with pytest.raises(SlotTypeError, match="slot 'odd' holds something else, not our"):

@@ -32,7 +32,7 @@ def add_junk(tmp_path: Path) -> Callable[[], int]:
     def encode_into(_: Number, buffer: bytearray) -> None:
         buffer[:] = b"\xc1"
 
-    core = _shm.Board(str(tmp_path / "llfsm.board"), True)
+    core = _shm.Board(str(tmp_path / "llfsm.board"), True, -1)
     schema = json.dumps(NUMBER.schema, separators=(",", ":"))
     port = _shm.Port(
         core, NUMBER.name, NUMBER.type_name, schema, NUMBER.fingerprint, NUMBER.capacity,

@@ -90,6 +90,8 @@ enum {
     LWB_MAX_CAPACITY = 1 << 30 /* bytes of a message */
 };
 
+#define LWB_NO_GROUP ((gid_t)-1) /* a board is for its user alone */
+
 enum lwb_status {
     LWB_OK = 0,
     LWB_EMPTY,     /* nothing was added to the slot yet */
@@ -576,12 +578,21 @@ static inline bool lwb_end_is_sound(struct lwb_board *b)
     return end >= furthest && end % 64 == 0 && end < LWB_FURTHEST;
 }
 
-static inline int lwb_check(struct lwb_board *b)
+/* Whether a file may be a board of this user or, if a group is given, of that group: then whoever is
+ * in it may write there, and nobody else. */
+static inline bool lwb_is_ours(const struct stat *st, gid_t group)
+{
+    if (group == LWB_NO_GROUP)
+        return S_ISREG(st->st_mode) && st->st_uid == geteuid();
+    return S_ISREG(st->st_mode) && st->st_gid == group && (st->st_mode & 0777) == 0660;
+}
+
+static inline int lwb_check(struct lwb_board *b, gid_t group)
 {
     struct stat st;
     if (fstat(b->fd, &st))
         return LWB_SYSTEM;
-    if (!S_ISREG(st.st_mode) || st.st_uid != geteuid())
+    if (!lwb_is_ours(&st, group))
         return LWB_FOREIGN;
     struct lwb_header *h = (struct lwb_header *)lwb_at(b, 0, sizeof *h);
     uint64_t magic = 0;
@@ -624,7 +635,7 @@ static inline void lwb_close(struct lwb_board *b)
 
 /* Make the complete board without a name, then link it: no process sees an incomplete board, and
  * a crash leaves no file. If the file system cannot do that, use a temporary name. */
-static inline int lwb_create(const char *path)
+static inline int lwb_create(const char *path, gid_t group)
 {
     char directory[PATH_MAX], temporary[PATH_MAX + 8] = "";
     snprintf(directory, sizeof directory, "%s", path);
@@ -648,6 +659,8 @@ static inline int lwb_create(const char *path)
     h.checksum = lwb_header_sum(&h);
     atomic_store(&h.end, lwb_round(sizeof h, 64));
     int status = lwb_reserve(fd, 0, lwb_round(sizeof h, 4096));
+    if (!status && group != LWB_NO_GROUP && (fchown(fd, (uid_t)-1, group) || fchmod(fd, 0660)))
+        status = LWB_SYSTEM;
     if (!status && pwrite(fd, &h, sizeof h, 0) != (ssize_t)sizeof h)
         status = LWB_SYSTEM;
     if (!status) {
@@ -716,8 +729,8 @@ static inline int lwb_attach(struct lwb_board *b)
 }
 
 /* Open the board at `path`; with `create`, make it if it does not exist. On failure the board is
- * closed. The file's content is validated here once. */
-static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
+ * closed. The file's content is validated here once. With a group, it is a board of its members. */
+static inline int lwb_open_for(struct lwb_board *b, const char *path, bool create, gid_t group)
 {
     lwb_reset(b);
     for (int tries = 0;; tries++) { /* again if it was removed right after it was made */
@@ -730,16 +743,22 @@ static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
             return LWB_SYSTEM;
         if (!create || tries == 100)
             return LWB_MISSING;
-        int status = lwb_create(path);
+        int status = lwb_create(path, group);
         if (status)
             return status;
     }
-    int status = lwb_check(b);
+    int status = lwb_check(b, group);
     if (!status)
         status = lwb_attach(b);
     if (status)
         lwb_close(b);
     return status;
+}
+
+/* Open a board of this user alone, likewise. */
+static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
+{
+    return lwb_open_for(b, path, create, LWB_NO_GROUP);
 }
 
 /* True until the board is removed (its file has no name any more). */

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import click
 
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.board_files import DIRECTORY, board_path, default_name
+from llfsm.whiteboard.board_files import DIRECTORY, board_path, default_name, group_id
 from llfsm.whiteboard.mirror.naming import require_host_name
 
 Command: TypeAlias = Callable[..., Any]
@@ -50,13 +50,30 @@ def file_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
     return click.option(*names, metavar="FILE", type=click.Path(path_type=Path), **settings)
 
 
-directory_option = click.option(
-    "--directory",
-    metavar="DIR",
-    type=click.Path(file_okay=False),
-    default=str(DIRECTORY),
-    help="The folder of the whiteboards' files; by default /dev/shm.",
-)
+def directory_option(command: Command) -> Command:
+    """Add the options of where whiteboards are; the command gets their folder as `directory`."""
+    directory = click.option(
+        "--directory",
+        metavar="DIR",
+        type=click.Path(file_okay=False),
+        default=str(DIRECTORY),
+        help="The folder of the whiteboards' files; by default /dev/shm.",
+    )
+    group = click.option(
+        "--group",
+        metavar="GROUP",
+        callback=_set_group,
+        expose_value=False,
+        help="A group of users, to whom it belongs; by default $WHITEBOARD_GROUP, else to you.",
+    )
+    return directory(group(command))
+
+
+def _set_group(_: click.Context, __: click.Parameter, group: str | None) -> None:
+    """Let all that this process and those that it starts open be of a group."""
+    if group is not None:
+        os.environ["WHITEBOARD_GROUP"] = group
+        group_id()
 
 
 class BoardPlace(NamedTuple):
