@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import json
 import os
+import resource
 import shlex
 import socket
 import struct
@@ -39,6 +40,30 @@ UNIT = Path(mirror_daemon.__file__).with_name("llfsm-whiteboard@.service")
 def run(*arguments: str) -> tuple[int, str]:
     done = CliRunner().invoke(main, ["whiteboard", *arguments])
     return done.exit_code, done.output
+
+
+@pytest.mark.parametrize("megabytes", [60, 70, 90, 200, 220])
+def test_without_the_memory_that_it_needs_it_says_so(tmp_path: Path, megabytes: int) -> None:
+    limit = megabytes << 20
+    command = [sys.executable, "-m", "llfsm.cli", "whiteboard", "daemon", "-b", "small"]
+    command += ["--directory", str(tmp_path), "--listen", "tcp/127.0.0.1:0"]
+    printed = []
+    with subprocess.Popen(
+        command,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            printed.append(line)
+            if line.startswith("mirroring"):  # then it was enough
+                process.terminate()
+    text = "".join(printed)
+    assert process.returncode in (0, 1), text
+    assert "Traceback" not in text
+    assert process.returncode == 0 or "Error: " in text
 
 
 def test_status_shows_all_that_the_daemon_reports(tmp_path: Path) -> None:

@@ -145,6 +145,7 @@ _BRIDGE = {
 }
 
 
+_NO_THREAD = "can't start new thread"  # as Python reports that there is no memory for one
 _TERMINATED = 128 + signal.SIGTERM  # as shells report it
 
 
@@ -167,10 +168,17 @@ class _Root(LazyGroup):
                 raise
             if isinstance(error, LlfsmError):
                 raise click.ClickException(printable(str(error))) from error
+            if isinstance(error, MemoryError) or _NO_THREAD in str(error):
+                text = "this process may not have the memory that it needs (ulimit -v, a container)"
+                raise click.ClickException(text) from error
             if isinstance(error, OSError) and error.filename is not None:
                 text = printable(f"{error.filename}: {error.strerror}")
                 raise click.ClickException(text) from error
             raise
+        except BaseException as error:
+            if type(error).__name__ != "PanicException" or ctx.params["debug"]:  # of zenoh, in Rust
+                raise
+            raise click.ClickException(printable(f"zenoh has failed: {error}")) from error
 
 
 @click.group(
