@@ -37,6 +37,7 @@ from llfsm.whiteboard import Message
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _KEPT_NS = 10_000_000_000  # rcl_action's default
+_MOST_KEPT = 500  # results: each status message lists all goals
 STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 """Of the topic ``status``, at both ends (rcl_action_qos_profile_status_default)."""
 
@@ -228,13 +229,12 @@ class ActionServer:
             request.answer(goal.response)
 
     def _forget(self) -> None:
-        """Drop results older than 10 s."""
+        """Drop results older than 10 s, and all but the latest 500."""
         then = self.now_ns() - _KEPT_NS
-        self._goals = {
-            key: goal
-            for key, goal in self._goals.items()
-            if goal.status.active or goal.ended_ns >= then
-        }
+        ended = [key for key, goal in self._goals.items() if not goal.status.active]
+        for place, key in enumerate(ended, _MOST_KEPT - len(ended)):
+            if place < 0 or self._goals[key].ended_ns < then:
+                del self._goals[key]
 
     def _publish_status(self) -> None:
         statuses = (

@@ -22,6 +22,9 @@ from weakref import WeakSet
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
+MOST_WAITING = 10_000
+"""Actions that may wait in a :class:`CallQueue`."""
+_MOST_AT_ONCE = 200
 _LIMIT_S = 5.0  # an action of a user's may block for ever
 
 _ending: WeakSet[Thread] = WeakSet()  # a thread is in `threading`'s list until it has really ended
@@ -47,22 +50,30 @@ class CallQueue:
     """Hands actions from any thread to one thread, in the order of their arrival.
 
     The state that they change needs no lock, and changes only when its thread is ready. An error of
-    an action is logged, and the next action runs.
+    an action is logged, and the next action runs. Whoever floods it does not keep the thread from
+    its other work: each time it runs some, and of more than it may hold it drops the newest.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[Callable[[], object]] = deque()
+        self._dropped = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
 
     def put(self, do: Callable[[], object]) -> None:
         """Queue an action for the next :meth:`run_pending`."""
-        self._waiting.append(do)
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append(do)
+        else:
+            self._dropped += 1
 
     def run_pending(self) -> None:
-        """Run all actions queued so far; actions queued meanwhile wait for the next call."""
-        for _ in range(len(self._waiting)):
+        """Run the actions queued so far, at most 200; the others wait for the next call."""
+        if self._dropped:
+            _LOG.warning("%d messages and requests were dropped: too many wait", self._dropped)
+            self._dropped = 0
+        for _ in range(min(len(self._waiting), _MOST_AT_ONCE)):
             try:
                 self._waiting.popleft()()
             except Exception:

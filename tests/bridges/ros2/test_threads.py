@@ -1,4 +1,4 @@
-"""The interpreter ends after the threads of transports."""
+"""The interpreter ends after the threads of transports; a flood of calls is worked off in parts."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import subprocess
 import sys
 
 import pytest
+
+from llfsm.bridges.ros2.threads import MOST_WAITING, CallQueue
 
 _SLOW = """
 import threading, time
@@ -53,3 +55,26 @@ def test_the_last_object_of_an_ending_thread_is_released_before_the_interpreter_
     code = f"{_SLOW}{_USES[use]}\nSlow.begun.wait()"
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
     assert (done.stdout, done.stderr) == ("released\n", "")
+
+
+def test_a_flood_is_worked_off_in_parts_in_order(caplog: pytest.LogCaptureFixture) -> None:
+    queue, ran = CallQueue(), list[int]()
+    for number in range(MOST_WAITING + 5):
+        queue.put(lambda number=number: ran.append(number))  # type: ignore[misc]
+    assert len(queue) == MOST_WAITING
+    queue.run_pending()
+    assert ran == [*range(200)]
+    assert caplog.messages == ["5 messages and requests were dropped: too many wait"]
+    while queue:
+        queue.run_pending()
+    assert ran == [*range(MOST_WAITING)]
+    assert len(caplog.messages) == 1
+
+
+def test_what_an_action_queues_waits_for_the_next_time() -> None:
+    queue, ran = CallQueue(), list[str]()
+    queue.put(lambda: queue.put(lambda: ran.append("later")) or ran.append("now"))
+    queue.run_pending()
+    assert ran == ["now"]
+    queue.run_pending()
+    assert ran == ["now", "later"]

@@ -105,7 +105,7 @@ def test_what_is_no_message_is_logged_once_and_ignored(
         def junk(_: Any, buffer: bytearray) -> None:
             buffer[:] = b"\xc1"
 
-        core = shm.Board(str(tmp_path / "llfsm.board"), True)
+        core = shm.Board(str(tmp_path / "llfsm.board"), True, -1)
         schema = json.dumps(slot.schema, separators=(",", ":"))
         kind = slot.name, slot.type_name, schema, slot.fingerprint, slot.capacity, slot.type
         port = shm.Port(core, *kind, (), junk, lambda _: slot.type())

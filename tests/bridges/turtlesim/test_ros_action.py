@@ -158,3 +158,20 @@ def test_a_command_has_ended_a_goal_before_a_later_request_is_looked_at(ros, cli
     terminated = 3
     assert client.cancel(goal_id).return_code == terminated
     ros.until(lambda: client.status(goal_id) is GoalStatus.ABORTED)
+
+
+def test_a_flood_of_goals_keeps_neither_the_poses_back_nor_all_results(ros, client):
+    poses = ros.hear("/turtle1/pose", "turtlesim/msg/Pose")
+    first, _ = client.send(3.0)
+    for number in range(520):
+        latest, _ = client.send(number / 100)
+    ros.until(lambda: client.status(latest))
+    assert len(client.statuses[-1].status_list) <= 502
+    answer = client.result(first)
+    ros.until(answer.done)
+    assert answer.result().status == GoalStatus.UNKNOWN
+    for _ in range(3000):
+        ros.turtlesim.queue.put(lambda: None)
+    before = len(poses)
+    ros.step()
+    ros.until(lambda: len(poses) > before)
