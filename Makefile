@@ -41,7 +41,7 @@ help:
 	@echo "make test-aarch64  test the whiteboard and the order of turns on aarch64, under qemu"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
-	@echo "make safety    measure how soon the robot stops, whatever happens (2 min)"
+	@echo "make safety    measure how soon the robot stops, whatever happens (13 min)"
 	@echo "make bench     measure us and the peers in one run"
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, a fleet of 32, a hostile host, killed"
@@ -142,6 +142,7 @@ sanitize: sanitized
 safety: $(VENV)/.ready-test
 	LLFSM_TIMES=check $(PYTEST) -q -s tests/bridges/ros2/stopping \
 	    tests/whiteboard/mirror/test_partition.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/faults.py
 
 # llfsm with its extensions under ASan.
 sanitized: $(VENV)/.ready-test

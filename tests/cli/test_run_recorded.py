@@ -18,6 +18,7 @@ from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import this_process
 from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
+from small_disks import small_disk
 from waiting import wait_for
 
 from .conftest import Llfsm, alive, children, exists, wait_for_line
@@ -57,6 +58,20 @@ def test_a_recorder_that_is_killed_does_not_stop_the_machines(llfsm: Llfsm, boar
     printed = process.stdout.read()
     assert "the recorder" not in printed  # it is reported once
     assert process.wait() == 0
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_machines(llfsm: Llfsm, board: str) -> None:
+    disk = llfsm.cwd / "disk"
+    disk.mkdir()
+    file = str(disk / FILE)
+    with small_disk(disk, "24k"):
+        process = llfsm.start("run", "RosPingPong", "-b", board, "--record", file)
+        wait_for_line(process, "cannot be written: No space left on device")
+        wait_for_line(process, "hello world")
+        process.terminate()
+        assert process.wait() == 0
+        done = llfsm.run("rerun", file, "--trust")
+        assert (done.returncode, "are as recorded" in done.stdout) == (0, True), done.stderr
 
 
 def test_machines_that_are_killed_leave_a_complete_file(llfsm: Llfsm, board: str) -> None:
