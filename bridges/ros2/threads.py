@@ -24,7 +24,8 @@ _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 MOST_WAITING = 10_000
 """Actions that may wait in a :class:`CallQueue`."""
-_MOST_AT_ONCE = 200
+_MOST_AT_ONCE, _LEAST_AT_ONCE = 200, 20
+_LONG_S = 0.05
 _LIMIT_S = 5.0  # an action of a user's may block for ever
 
 _ending: WeakSet[Thread] = WeakSet()  # a thread is in `threading`'s list until it has really ended
@@ -69,11 +70,14 @@ class CallQueue:
             self._dropped += 1
 
     def run_pending(self) -> None:
-        """Run the actions queued so far, at most 200; the others wait for the next call."""
+        """Run the actions queued so far, at most 200, or 20 if these take long; others wait."""
         if self._dropped:
             _LOG.warning("%d messages and requests were dropped: too many wait", self._dropped)
             self._dropped = 0
-        for _ in range(min(len(self._waiting), _MOST_AT_ONCE)):
+        until_s = time.monotonic() + _LONG_S
+        for number in range(min(len(self._waiting), _MOST_AT_ONCE)):
+            if number >= _LEAST_AT_ONCE and time.monotonic() > until_s:
+                break
             try:
                 self._waiting.popleft()()
             except Exception:

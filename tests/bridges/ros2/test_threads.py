@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -63,12 +64,22 @@ def test_a_flood_is_worked_off_in_parts_in_order(caplog: pytest.LogCaptureFixtur
         queue.put(lambda number=number: ran.append(number))  # type: ignore[misc]
     assert len(queue) == MOST_WAITING
     queue.run_pending()
-    assert ran == [*range(200)]
+    assert 20 <= len(ran) <= 200
     assert caplog.messages == ["5 messages and requests were dropped: too many wait"]
     while queue:
         queue.run_pending()
     assert ran == [*range(MOST_WAITING)]
     assert len(caplog.messages) == 1
+
+
+def test_actions_that_take_long_leave_time_for_other_work() -> None:
+    queue, ran = CallQueue(), list[int]()
+    for number in range(30):
+        queue.put(lambda number=number: (time.sleep(0.01), ran.append(number)))  # type: ignore[misc]
+    queue.run_pending()
+    assert ran == [*range(20)]
+    queue.run_pending()
+    assert ran[20:] != []
 
 
 def test_what_an_action_queues_waits_for_the_next_time() -> None:
