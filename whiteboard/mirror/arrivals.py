@@ -7,7 +7,9 @@ its slot is not over its rate; the slot holds it; it is newer than the board's. 
 refused alone, counted under its kind, and logged once for each kind.
 
 A last will is a message whose values a guard of this host posts one day, to slots that it names. So
-it passes the same gates for each of them: what its sender may not post itself is taken out.
+it passes the same gates for each of them: what its sender may not post itself is taken out. And a
+request to override a sensor feeds a machine a message for a slot that this host does not know: only
+who may add to all slots may send it.
 
 A slot that the board does not have is made from its declaration, which a sender adds to the first
 message; if that batch was lost, the slot is `unknown` until a query is answered, with declarations.
@@ -28,7 +30,7 @@ import msgspec
 from msgspec.structs import replace
 
 from llfsm.whiteboard.errors import BoardClosedError, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import BELL, REQUESTS, WILLS, Bell, LastWill
+from llfsm.whiteboard.messages.llfsm import BELL, REQUESTS, WILLS, Bell, LastWill, MachineRequest
 from llfsm.whiteboard.mirror.batches import (
     Declaration,
     ReceivedBatch,
@@ -43,12 +45,13 @@ from llfsm.whiteboard.mirror.peers import Peers, Source
 from llfsm.whiteboard.mirror.quotas import Gone, Quotas, RateLimit, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
-from llfsm.whiteboard.slot_names import OWN
+from llfsm.whiteboard.slot_names import OWN, is_own
 
 T = TypeVar("T")
 _VALUES = decoder(Value)
 _DECLARATIONS = decoder(Declaration)
 _WILL = msgspec.msgpack.Decoder(LastWill)
+_REQUEST = msgspec.msgpack.Decoder(MachineRequest)
 _EARLY_NS = 5_000_000  # by which a message may pass before its time, for jitter
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
@@ -254,6 +257,8 @@ class Arrivals:
         if route is not None and self._is_timely(source, value):
             if value.slot.startswith(WILLS):
                 value = self._permitted(source, value)
+            if value.slot.startswith(REQUESTS) and not self._may_request(source, value):
+                return
             self._enter(source, route, value, now_ns)
 
     def _give_up(self, source: Source, value: Value) -> None:
@@ -300,6 +305,20 @@ class Arrivals:
             return value
         will = replace(will, values=tuple(kept))
         return replace(value, payload=msgspec.msgpack.encode(will))
+
+    def _may_request(self, source: Source, value: Value) -> bool:
+        """Check a request that gives a machine a message; count a refusal if its sender may not."""
+        try:
+            if _REQUEST.decode(value.payload).action != "override":
+                return True
+        except (msgspec.DecodeError, ValueError):  # nobody can obey it
+            return True
+        for slot in self._store.board.living():
+            if not is_own(slot) and not self._may_post(source, slot):
+                what = f"request {value.slot!r}: {source} may not override: nor add to {slot!r}"
+                self._refusals.add(f"an override from {source}", what)
+                return False
+        return True
 
     def _may_post(self, source: Source, slot: str) -> bool:
         access = self._access.get(source.name, _NOTHING) if self._access else None

@@ -11,10 +11,17 @@ import pytest
 
 from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Slot, Whiteboard
-from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, will_slot
+from llfsm.whiteboard.messages import llfsm as own
+from llfsm.whiteboard.messages.llfsm import (
+    LastWill,
+    MachineRequest,
+    SafeValue,
+    request_slot,
+    will_slot,
+)
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value, Version
 from llfsm.whiteboard.mirror.groups import group_of
-from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.zenoh_config import configure
 from waiting import wait_for
 
@@ -170,3 +177,78 @@ def test_a_last_will_of_who_may_add_to_all_stays_as_it_is(settings: Any) -> None
     part = Part(**settings)
     assert will_of(part, ARM, GOAL) == [ARM.name, GOAL.name]
     assert not part.refused()
+
+
+def requested(part: Part, request: MachineRequest, name: str = "laptop") -> MachineRequest | None:
+    part.exchange.receive_batch(batch(1, request_slot("Wall"), request), name)
+    return part.board.get_message(request_slot("Wall"))
+
+
+OVERRIDE = MachineRequest("override", 'goal {"n": 666}', 5.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "may"),
+    [
+        ({"enter": ["llfsm/*", "operator/*"]}, False),
+        ({"access": {"laptop": ["llfsm/*", "operator/*"]}}, False),
+        ({"access": {"laptop": ["*"]}}, True),
+        ({}, True),
+    ],
+)
+def test_an_override_is_of_who_may_add_to_all_slots(settings: Any, may: bool) -> None:
+    part = Part(**settings)
+    part.board.add_message(ARM, Number(1))
+    part.board.add_message(GOAL, Number(1))
+    assert requested(part, OVERRIDE) == (OVERRIDE if may else None)
+    assert bool(part.refused()) is not may
+
+
+@pytest.mark.parametrize("action", ["suspend", "stop", "pause", "release", "reload"])
+def test_a_request_that_gives_no_message_is_of_who_may_send_requests(action: Any) -> None:
+    part = Part(enter=["llfsm/*"])
+    part.board.add_message(ARM, Number(1))
+    assert requested(part, MachineRequest(action)) == MachineRequest(action)
+
+
+# What follows from a message of each kind in llfsm's own slots, if it enters from another host.
+EFFECTS = {
+    "llfsm/machine/": "shown",
+    "llfsm/definition/": "shown",
+    "llfsm/variables/": "shown",
+    "llfsm/why/": "shown",
+    "llfsm/commander/": "shown",
+    "llfsm/executed/": "shown",
+    "llfsm/folders": "shown",
+    "llfsm/summary": "shown",
+    "llfsm/viewer": "more is published",
+    "llfsm/request/": "obeyed: an override is of who may add to all slots",
+    "llfsm/will/": "posted: what the sender may not post is taken out",
+    "llfsm/bell": "never enters",
+    "llfsm/wills": "never enters",
+    "llfsm/stand_ins": "never enters",
+    "llfsm/recorder": "never enters",
+    "llfsm/mirror": "never enters",
+    "llfsm/hosts": "never enters",
+    "llfsm/journal/": "never enters",
+}
+
+
+def own_slots() -> set[str]:
+    """Name a slot of every kind that llfsm's processes have for each other."""
+    slots = [each for each in vars(own).values() if isinstance(each, Slot)]
+    for name, make in vars(own).items():
+        if name.endswith("_slot") and not name.startswith("_"):
+            slots.append(make(1) if name == "journal_slot" else make("host"))
+    return {slot.name for slot in slots}
+
+
+def test_every_kind_of_message_that_processes_act_on_has_a_gate() -> None:
+    """Whoever adds a kind has to know what follows from it."""
+    allowed = matcher(("*",))
+    found = set()
+    for name in own_slots():
+        (kind,) = [each for each in EFFECTS if f"{name}/".startswith(f"{each.rstrip('/')}/")]
+        found.add(kind)
+        assert allowed(name) is (EFFECTS[kind] != "never enters"), name
+    assert found == EFFECTS.keys()
