@@ -117,9 +117,7 @@ def _take_terminal() -> None:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    with suppress(ProcessLookupError):
-        process.send_signal(signal.SIGCONT)
-    process.kill()
+    process.kill()  # also one that is stopped, which would drive on if it was continued before
     process.wait()
 
 
