@@ -3,8 +3,7 @@
 `llfsm turtlesim` is the robot, `llfsm guard` guards it, and `llfsm run` runs the machine of
 `faulty.py`, each in a process of its own. The fault comes at a random moment; what counts is the
 last position at which the turtle has a speed. All kinds are tried in random order, ROUNDS times
-each. The exit status is 1 if more than one turtle of a hundred moves for longer than its kind
-allows: all of these are ordinary processes, and a computer may let any of them wait.
+each. The exit status is 1 if a turtle moves for longer than its kind allows:
 
     PYTHONPATH=tests .venv/bin/python tests/soak/faults.py [--rounds 9] [--seed 1] [KIND...]
 
@@ -42,7 +41,6 @@ POSE = Slot("turtle1/pose", Pose)
 MACHINE = f"{Path(__file__).with_name('faulty.py')}:Drive"
 LLFSM = [sys.executable, "-m", "llfsm.cli"]
 STILL = 0.01  # the speed of a turtle that stands
-_LATE = 0.01
 OVER_NS = 400_000_000  # without a speed: then it has stopped
 
 
@@ -235,7 +233,7 @@ KINDS = [
 
 
 def main() -> int:
-    """Try all kinds; print a table; return 1 if too many turtles have moved for too long."""
+    """Try all kinds; print a table; return 1 if a turtle has moved for too long."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
@@ -274,7 +272,7 @@ def main() -> int:
         if time_ms > each.most_ms
     ]
     print(f"{len(order)} faults of {len(kinds)} kinds; too late: {', '.join(late) or 'none'}")
-    return int(len(late) > _LATE * len(order))
+    return bool(late)
 
 
 if __name__ == "__main__":
