@@ -284,7 +284,9 @@ def boards(directory: str | os.PathLike[str] = DIRECTORY) -> list[BoardInfo]:
     for name, path in board_files(directory):
         with suppress(FileNotFoundError):  # removed since it was listed
             status = path.lstat()
-            own = status.st_uid == os.geteuid() if group < 0 else status.st_gid == group
+            own = (status.st_gid, status.st_mode & 0o777) == (group, 0o660)
+            if group < 0:
+                own = status.st_uid == os.geteuid()
             if own and not path.is_symlink():
                 found.append(BoardInfo(name, _is_used(path, group)))
     return found

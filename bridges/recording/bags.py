@@ -22,7 +22,7 @@ import os
 import re
 import shutil
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from tempfile import gettempdir, mkdtemp
@@ -208,6 +208,14 @@ def _has_compressed(metadata: str, what: str) -> bool:
 _Item: TypeAlias = tuple[Channel, Schema | None] | MessageRecord
 
 
+_COMPUTED = (  # in this order, as to list the columns of a virtual table is to compute
+    # A view and a virtual table have no page of their own; a trigger does nothing to who reads.
+    "SELECT type, name FROM sqlite_master WHERE ifnull(rootpage, 0) = 0 AND type != 'trigger'",
+    "SELECT 'column', m.name || '.' || x.name FROM sqlite_master AS m,"
+    " pragma_table_xinfo(m.name) AS x WHERE m.type = 'table' AND x.hidden",
+)
+
+
 def _check_databases(path: Path) -> None:
     """Refuse databases some of which is computed as it is read, or not in the file itself."""
     import sqlite3
@@ -221,21 +229,11 @@ def _check_databases(path: Path) -> None:
             )
         try:
             with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as rows:
-                # A view, a trigger and a virtual table have no page of their own.
-                computed = rows.execute(
-                    "SELECT type, name FROM sqlite_master WHERE ifnull(rootpage, 0) = 0"
-                ).fetchall()
-                computed = (
-                    computed
-                    or rows.execute(
-                        "SELECT 'column', m.name || '.' || x.name FROM sqlite_master AS m,"
-                        " pragma_table_xinfo(m.name) AS x WHERE m.type = 'table' AND x.hidden"
-                    ).fetchall()
-                )
+                computed = next((found for each in _COMPUTED for found in rows.execute(each)), None)
         except sqlite3.Error as error:
             raise RecordingFileError(f"{file}: cannot be read as a bag: {error}") from error
         if computed:
-            kind, name = computed[0]
+            kind, name = computed
             raise RecordingFileError(
                 f"{file}: cannot be read as a bag: its {kind} {name} is computed as it is read"
             )
@@ -258,8 +256,11 @@ def _remove(folder: Path, pid: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _unpacked(bag: Path, folder: Path) -> Path:
-    """Unpack the files of a bag that compresses each as a whole; return the bag of what results."""
+def _uncompressed(bag: Path, folder: Path, *, by_file: bool) -> Path:
+    """Make a bag whose files are as they are, for one that compresses them or their messages.
+
+    Files are unpacked if they are compressed as a whole; else there are links to them.
+    """
     from ruamel.yaml import YAML
     from zstandard import ZstdDecompressor
 
@@ -268,8 +269,13 @@ def _unpacked(bag: Path, folder: Path) -> Path:
     made.mkdir()
     about = yaml.load(bag / "metadata.yaml")
     bag_about = about["rosbag2_bagfile_information"]
+    if (known := bag_about["compression_format"]) != "zstd":
+        raise ValueError(f"compression by {known!r} is not supported, only by zstd")
     names = [Path(name).name.removesuffix(".zstd") for name in bag_about["relative_file_paths"]]
     for name in names:
+        if not by_file:
+            (made / name).symlink_to((bag / name).absolute())
+            continue
         source = bag / f"{name}.zstd"
         most = max(_LEAST_UNPACKED, _MOST_TIMES * source.stat().st_size)
         with source.open("rb") as packed, (made / name).open("wb") as file:
@@ -294,34 +300,34 @@ def _unpacked_message(data: bytes) -> bytes:
     return found
 
 
-def _by_rosbags(path: Path, folder: Path) -> Iterator[_Item]:
+def _by_rosbags(bag_path: Path, folder: Path) -> Iterator[_Item]:
     """Read a bag by rosbags; unpack its files into a folder if they are compressed."""
     from rosbags.rosbag2 import Reader
 
     types = TypeLibrary()
     try:
-        bag_path = path
-        if path.is_dir() and _has_compressed(_metadata(path), "file"):
-            bag_path = _unpacked(path, folder)
-        _check_databases(bag_path)
-        with Reader(bag_path) as bag:
+        path = bag_path
+        _check_databases(path)
+        metadata = _metadata(path) if path.is_dir() else ""
+        by_file, by_message = (_has_compressed(metadata, each) for each in ("file", "message"))
+        if by_file or by_message:  # which rosbags would unpack without a limit
+            path = _uncompressed(path, folder, by_file=by_file)
+            _check_databases(path)
+        unpack = _unpacked_message if by_message else bytes
+        with Reader(path) as bag:
             for number, each in enumerate(bag.connections, 1):
                 text = each.msgdef.data
                 if not text or each.msgdef.format.name != "MSG":
                     text = _known_text(types, each.msgtype)
                 schema = Schema(number, text.encode(), SchemaEncoding.ROS2, each.msgtype)
                 yield Channel(each.id, each.topic, CDR, {}, number), schema
-            unpack: Callable[[bytes], bytes] = bytes
-            if bag.compression_mode == "message":  # which rosbags would do without a limit
-                bag.storage.metadata = bag.storage.metadata._replace(compression_mode=None)
-                unpack = _unpacked_message
             for connection, stamp_ns, data in bag.messages():
                 yield MessageRecord(stamp_ns, stamp_ns, 0, connection.id, unpack(data))
         shutil.rmtree(folder / "unpacked", ignore_errors=True)
     except RecordingFileError:
         raise
     except Exception as error:  # whatever rosbags raises for a bag that is none
-        raise RecordingFileError(f"{path}: cannot be read as a bag: {error}") from error
+        raise RecordingFileError(f"{bag_path}: cannot be read as a bag: {error}") from error
 
 
 def _known_text(types: TypeLibrary, name: str) -> str:

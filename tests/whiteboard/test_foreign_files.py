@@ -135,6 +135,7 @@ with Whiteboard("shared", directory=".", group=30000) as again:
 os.environ["WHITEBOARD_GROUP"] = "30000"
 print(board.get_message(NUMBER).data, [each.name for each in boards(".")])
 Whiteboard("private", directory=".", group="").close()
+os.chown("llfsm.private", -1, 30000)
 print("private:", [each.name for each in boards(".")])
 become(20003)
 print("another:", refusal(), refusal(group=""), refusal(group=30001))

@@ -22,6 +22,7 @@ directions, rates.
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
@@ -52,6 +53,7 @@ _VALUES = decoder(Value)
 _DECLARATIONS = decoder(Declaration)
 _WILL = msgspec.msgpack.Decoder(LastWill)
 _REQUEST = msgspec.msgpack.Decoder(MachineRequest)
+_ANY_SLOT = secrets.token_hex()  # which stands for those that nobody has made yet
 _EARLY_NS = 5_000_000  # by which a message may pass before its time, for jitter
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
@@ -313,9 +315,10 @@ class Arrivals:
                 return True
         except (msgspec.DecodeError, ValueError):  # nobody can obey it
             return True
-        for slot in self._store.board.living():
+        for slot in (_ANY_SLOT, *self._store.board.living()):
             if not is_own(slot) and not self._may_post(source, slot):
-                what = f"request {value.slot!r}: {source} may not override: nor add to {slot!r}"
+                named = "all slots" if slot == _ANY_SLOT else repr(slot)
+                what = f"request {value.slot!r}: {source} may not override, nor add to {named}"
                 self._refusals.add(f"an override from {source}", what)
                 return False
         return True

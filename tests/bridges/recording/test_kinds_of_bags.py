@@ -239,6 +239,24 @@ def test_a_bag_with_a_view_that_computes_is_refused(tmp_path, table):
         Recording(bag)
 
 
+def test_a_trigger_does_nothing_to_who_reads(tmp_path):
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
+    with closing(sqlite3.connect(next(bag.glob("*.db3")))) as database:
+        database.execute("CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM topics; END")
+        database.commit()
+    assert points(Recording(bag)) == EXPECTED
+
+
+def test_another_compression_is_named(tmp_path):
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    about = bag / "metadata.yaml"
+    about.write_text(
+        about.read_text().replace("compression_format: zstd", "compression_format: xz")
+    )
+    with pytest.raises(RecordingFileError, match="compression by 'xz' is not supported, only by"):
+        Recording(bag)
+
+
 def test_a_bag_whose_messages_are_computed_is_refused(tmp_path):
     """Sixteen kilobytes of it would be gigabytes of messages."""
     bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)

@@ -204,6 +204,12 @@ def test_an_override_is_of_who_may_add_to_all_slots(settings: Any, may: bool) ->
     assert bool(part.refused()) is not may
 
 
+def test_an_override_of_a_slot_that_is_not_there_yet_is_refused() -> None:
+    part = Part(enter=["llfsm/*"])
+    assert requested(part, OVERRIDE) is None
+    assert len(part.refused()) == 1
+
+
 @pytest.mark.parametrize("action", ["suspend", "stop", "pause", "release", "reload"])
 def test_a_request_that_gives_no_message_is_of_who_may_send_requests(action: Any) -> None:
     part = Part(enter=["llfsm/*"])
