@@ -1,14 +1,17 @@
-"""Where commands log to."""
+"""Where commands log to, and how one ends by a signal."""
 
 from __future__ import annotations
 
 import logging
+import signal
 import sys
 
 import pytest
 
 from calling import own_logging
 from llfsm.cli.console import log_machines, log_to_console
+
+from .conftest import Llfsm, wait_for_line
 
 Capture = pytest.CaptureFixture[str]
 
@@ -48,3 +51,21 @@ def test_nothing_is_printed_if_it_is_off(capsys: Capture) -> None:
         log_machines(is_on=False)
         log_all()
     assert capsys.readouterr() == ("", "")
+
+
+SLOW = """
+import tempfile, threading
+with tempfile.TemporaryDirectory(dir=".") as folder:
+    print("made", flush=True)
+    threading.Event().wait()
+"""
+
+
+def test_sigterm_ends_a_command_as_an_error_does_and_leaves_no_file(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "slow.py").write_text(SLOW)
+    before = {*llfsm.cwd.iterdir()}
+    process = llfsm.start("check", "slow:M")
+    wait_for_line(process, "made")
+    process.terminate()
+    assert process.wait() == 128 + signal.SIGTERM
+    assert {each for each in llfsm.cwd.iterdir() if each.name != "__pycache__"} == before
