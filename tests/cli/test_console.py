@@ -10,6 +10,7 @@ import pytest
 
 from calling import own_logging
 from llfsm.cli.console import log_machines, log_to_console
+from waiting import wait_for
 
 from .conftest import Llfsm, wait_for_line
 
@@ -61,7 +62,7 @@ with tempfile.TemporaryDirectory(dir=".") as folder:
 """
 
 
-def test_sigterm_ends_a_command_as_an_error_does_and_leaves_no_file(llfsm: Llfsm) -> None:
+def test_sigterm_ends_a_command_as_ctrl_c_does_and_leaves_no_file(llfsm: Llfsm) -> None:
     (llfsm.cwd / "slow.py").write_text(SLOW)
     before = {*llfsm.cwd.iterdir()}
     process = llfsm.start("check", "slow:M")
@@ -69,3 +70,28 @@ def test_sigterm_ends_a_command_as_an_error_does_and_leaves_no_file(llfsm: Llfsm
     process.terminate()
     assert process.wait() == 128 + signal.SIGTERM
     assert {each for each in llfsm.cwd.iterdir() if each.name != "__pycache__"} == before
+
+
+ENDLESS = """
+from llfsm.runtime import Machine, State
+
+
+class M(Machine):
+    n: int = 0
+    a = State(final=False)
+
+    @a.internal
+    def _(self) -> None:
+        if not self.n:
+            open("runs", "w").close()
+        self.n += 1
+"""
+
+
+def test_sigterm_is_no_error_of_code_that_is_explored(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "endless.py").write_text(ENDLESS)
+    process = llfsm.start("verify", "endless:M")
+    wait_for((llfsm.cwd / "runs").exists, "it is explored")
+    process.terminate()
+    assert "interrupted" in process.stdout.read()
+    process.wait()

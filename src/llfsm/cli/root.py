@@ -5,8 +5,8 @@ The table names each command as ``module:function`` in llfsm.cli, which no type 
 tests/cli/test_lazy.py resolves every row.
 
 Every error of llfsm, and each of a file that cannot be reached, is handled here: one line on
-standard error and exit status 1, or its traceback with ``--debug``. SIGTERM ends commands as an
-error does, so that no temporary file is left; commands that run until then handle it themselves.
+standard error and exit status 1, or its traceback with ``--debug``. SIGTERM ends commands as
+Ctrl-C does, so that no temporary file is left; commands that run until then handle it themselves.
 """
 
 from __future__ import annotations
@@ -149,8 +149,12 @@ _NO_THREAD = "can't start new thread"  # as Python reports that there is no memo
 _TERMINATED = 128 + signal.SIGTERM  # as shells report it
 
 
+class _TerminatedError(KeyboardInterrupt):
+    """SIGTERM has come. A `SystemExit` would be an error of the machine whose code runs."""
+
+
 def _terminate(*_: object) -> NoReturn:
-    raise SystemExit(_TERMINATED)
+    raise _TerminatedError
 
 
 class _Root(LazyGroup):
@@ -160,6 +164,8 @@ class _Root(LazyGroup):
             signal.signal(signal.SIGTERM, _terminate)
         try:
             return super().invoke(ctx)
+        except _TerminatedError:
+            raise SystemExit(_TERMINATED) from None
         except click.ClickException as error:
             error.message = printable(error.message)  # type: ignore[misc]  # it is final
             raise
