@@ -46,7 +46,7 @@ help:
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, a fleet of 32, a hostile host, killed"
 	@echo "               machines, a hundred thousand of all that comes and goes, states beside SPIN: an hour"
-	@echo "make fuzz      a board that is changed while it is used, for 30 minutes (1.5 times MINUTES=...);"
+	@echo "make fuzz      a board that is changed while it is used, for 60 minutes (3 times MINUTES=...);"
 	@echo "               damaged boards, messages, recordings and files, for 20 minutes;"
 	@echo "               then all tests of hypothesis with twenty times as many examples"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
@@ -158,6 +158,8 @@ MINUTES ?= 20
 fuzz: sanitized
 	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/hostile.c -o $(SANITIZED)/address
 	ASAN_OPTIONS=detect_leaks=0 $(SANITIZED)/address $$(($(MINUTES) * 90))
+	$(UNDER_ASAN) PYTHONPATH=$(SANITIZED)/site:tests \
+	    $(BIN)/python tests/fuzz/changed.py $(SANITIZED)/address $$(($(MINUTES) * 90))
 	$(UNDER_ASAN) PYTHONPATH=$(SANITIZED)/site:tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES)
 	LLFSM_EXAMPLES=20 $(TEST) -m hypothesis --timeout 3600
 

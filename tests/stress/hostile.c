@@ -3,10 +3,11 @@
  * find it sound, and then find something else. Whatever they find, they must not touch memory that is
  * not theirs, believe a length that a slot cannot have, or never come back.
  *
- *     hostile SECONDS [SEED]
+ *     hostile SECONDS [SEED [FILE]]
  *
  * ends with 0 if nobody did; build it with ASan and UBSan. A board that is damaged for good makes all
- * calls end early: so each board lives for a fraction of a second only. */
+ * calls end early: so each board lives for a fraction of a second only. With a FILE, this board of
+ * three slots or more is changed, never for good, and who uses it is another's matter. */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE 1
 #endif
@@ -204,8 +205,6 @@ static void change(unsigned char *map, size_t size)
         for (volatile unsigned rest = (unsigned)(draw() % 40); rest;)
             rest--;
     }
-    if (draw() % 2000 == 0)
-        map[draw() % size] ^= (unsigned char)(1 << draw() % 8); /* for good */
 }
 
 /* ---- The run -------------------------------------------------------------------------------- */
@@ -215,6 +214,23 @@ static uint64_t now_ms(void)
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (uint64_t)now.tv_sec * 1000u + (uint64_t)now.tv_nsec / 1000000u;
+}
+
+static void change_file(int fd, uint64_t until, bool for_good)
+{
+    struct stat st;
+    if (fd < 0 || fstat(fd, &st))
+        wrong("the board is gone");
+    size_t size = (size_t)st.st_size;
+    unsigned char *map = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    while (now_ms() < until) {
+        change(map, size);
+        if (!for_good)
+            usleep((useconds_t)(draw() % 30)); /* else who uses it ends before it begins */
+        else if (draw() % 2000 == 0)
+            map[draw() % size] ^= (unsigned char)(1 << draw() % 8);
+    }
+    munmap(map, size);
 }
 
 /* Make a board with a message in each slot, and let it live for a while under changes. */
@@ -229,14 +245,9 @@ static void one_life(void)
         if (lwb_slot(&b, &slots[i], &schema) || lwb_add(&slots[i], "a message", 9, NULL))
             wrong("no slot can be made");
     }
-    struct stat st;
-    if (fstat(b.fd, &st) || rename(new_path, path)) /* only now do the others find it */
+    if (rename(new_path, path)) /* only now do the others find it */
         wrong("the board is gone");
-    size_t size = (size_t)st.st_size;
-    unsigned char *map = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, b.fd, 0);
-    for (uint64_t end = now_ms() + LIFE_MS; now_ms() < end;)
-        change(map, size);
-    munmap(map, size);
+    change_file(b.fd, now_ms() + LIFE_MS, true);
     lwb_close(&b);
 }
 
@@ -264,6 +275,10 @@ int main(int number, char **arguments)
     int failed = 0;
     memset(names[SLOTS - 1], 'n', LWB_MAX_NAME);
     dice = seed;
+    if (number > 3) {
+        change_file(open(arguments[3], O_RDWR), end, false);
+        return 0;
+    }
     for (unsigned i = 0; i < WORKERS; i++) {
         moved[i] = now_ms();
         if (!(workers[i] = fork())) {
