@@ -116,6 +116,10 @@ class Started:
             start = [sys.executable, "-X", "faulthandler", *command]
             self.process = subprocess.Popen(start, stdout=file, stderr=file)
 
+    def is_ready(self) -> bool:
+        """Return whether it has printed its first line, or ended."""
+        return self.output.stat().st_size > 0 or self.process.poll() is not None
+
     def problem(self) -> str:
         """End it; return what it should not have done."""
         process = self.process
@@ -152,7 +156,7 @@ def live(hostile: str, folder: Path, seed: int, lasted: Counter[str]) -> list[st
         }
         short_lived: list[Started] = []
         for each in long_lived.values():
-            wait_for(lambda each=each: each.output.stat().st_size or each.process.poll(), 60)
+            wait_for(each.is_ready, " ".join(each.command))
         with subprocess.Popen([hostile, str(LIFE_S), str(seed), str(board.path)]):
             begin = time.monotonic()
             while time.monotonic() < begin + LIFE_S:
