@@ -297,7 +297,7 @@ class Board(ClosedOnExit):
 
         count, text = 0, ""
         try:
-            bound = self[info.slot()]
+            bound = self.publisher(info.slot(), make=False)
             count, sample = bound.count, bound.sample()
             if sample is not None:
                 count, text = sample.count, message_json(sample.message)

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
-from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
+from llfsm.whiteboard.errors import (
+    BoardClosedError,
+    MessageTypeError,
+    SlotNotFoundError,
+    WhiteboardError,
+)
 from llfsm.whiteboard.message import Message, type_from_schema
 from llfsm.whiteboard.messages.llfsm import (
     COMMANDERS,
@@ -99,11 +104,8 @@ class BoardPoller:
         """Find new slots now, and drop those that are gone. Raise as :meth:`poll` does."""
         listed = self.board.slots()
         gone = self.slots.keys() - {info.name for info in listed}
-        for name in gone:
-            slot = self.slots.pop(name).slot
-            if slot is not None:
-                self.board.forget(slot)
         if gone:
+            self.slots = {name: each for name, each in self.slots.items() if name not in gone}
             self._bound = [each for each in self._bound if each[0].name not in gone]
         for info in listed:
             if info.name in self.slots or not self._wants(info.name):
@@ -111,10 +113,12 @@ class BoardPoller:
             polled = self.slots[info.name] = PolledSlot(info)
             try:
                 slot = Slot(info.name, class_of(info), info.capacity)
-                self._bound.append((polled, self.board[slot]))
+                self._bound.append((polled, self.board.publisher(slot, make=False)))
                 polled.slot = slot
             except BoardClosedError:
                 raise
+            except SlotNotFoundError:  # it was given up since it was listed
+                del self.slots[info.name]
             except WhiteboardError as error:
                 polled.problem = str(error)
                 self._unusable.append(polled)

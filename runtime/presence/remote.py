@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Status
-from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
+from llfsm.whiteboard.errors import MessageUnreadableError, SlotError, SlotNotFoundError
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
@@ -23,9 +23,10 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, BoundSlot, Sample
+    from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot
 
 
+M = TypeVar("M", bound="Message")
 Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
 
 _CLOCKS = {
@@ -87,8 +88,8 @@ class RemoteMachine:
 
         As within an arrangement, a resume is refused while a restart is pending.
         """
-        latest = self._board[request_slot(self.name)].get()
-        pending = self.status.pending
+        requests, pending = self._bound(request_slot(self.name)), self.status.pending
+        latest = None if requests is None else requests.get()
         if self.is_asked and latest is not None:
             pending = latest.action
         if action == "resume" and pending == "restart":
@@ -98,7 +99,8 @@ class RemoteMachine:
 
     def again(self) -> RemoteMachine:
         """Return the machine as of the latest status now."""
-        sample = self._board[status_slot(self.name)].sample()
+        bound = self._bound(status_slot(self.name))
+        sample = None if bound is None else bound.sample()
         return RemoteMachine(self._board, self.name, sample or self._sample, self._host)
 
     def statuses(self, patience_s: float | None = None) -> Iterator[MachineStatus]:
@@ -108,9 +110,9 @@ class RemoteMachine:
         """
         patience_s = PATIENCE_S if patience_s is None else patience_s
         until = time.monotonic() + patience_s
-        slot = self._board[status_slot(self.name)]
-        sample = slot.sample()
-        while sample is not None and is_live(sample, self._host):
+        slot = self._bound(status_slot(self.name))
+        sample = None if slot is None else slot.sample()
+        while slot is not None and sample is not None and is_live(sample, self._host):
             yield sample.message
             left_s = until - time.monotonic()
             if left_s <= 0:
@@ -124,7 +126,14 @@ class RemoteMachine:
         The process of another host counts those on its own board.
         """
         is_here = self.status.host == self._host
-        return is_here and self._board[request_slot(self.name)].count > self.status.obeyed
+        requests = self._bound(request_slot(self.name)) if is_here else None
+        return requests is not None and requests.count > self.status.obeyed
+
+    def _bound(self, slot: Slot[M]) -> BoundSlot[M] | None:
+        """Bind a slot, if it is there: a machine that has ended has given up its names."""
+        with suppress(SlotNotFoundError):
+            return self._board.publisher(slot, make=False)
+        return None
 
     def renew(self, lease_s: float) -> None:
         """Let a pause last so long from now on, unless another request is still to be obeyed."""
@@ -152,11 +161,11 @@ class StatusSlots:
         listed = [info.name for info in self._board.slots() if info.name.startswith(MACHINES)]
         for name in self.bound.keys() - {*listed}:
             del self.bound[name]
-            self._board.forget(status_slot(name.removeprefix(MACHINES)))
         for name in listed:
             if name not in self.bound and wants(name):
                 with suppress(SlotError):  # not a machine's status, whatever its name
-                    self.bound[name] = self._board[status_slot(name.removeprefix(MACHINES))]
+                    slot = status_slot(name.removeprefix(MACHINES))
+                    self.bound[name] = self._board.publisher(slot, make=False)
 
     def samples(self) -> Iterator[tuple[str, Sample[MachineStatus]]]:
         """Yield the name and the latest status of each machine, also of those that are gone."""

@@ -258,7 +258,8 @@ def contested_slots(board: Board) -> dict[str, list[Commander]]:
     for info in board.slots():
         if info.name.startswith(COMMANDERS):
             with suppress(SlotError, MessageUnreadableError):  # not claims, whatever its name
-                claims = board[Slot(info.name, Commanders, info.capacity)].sample()
+                slot = Slot(info.name, Commanders, info.capacity)
+                claims = board.publisher(slot, make=False).sample()
                 if claims is not None and is_contested(claims.message.commanders):
                     commanders = _alive(board, claims)
                     if is_contested(commanders):

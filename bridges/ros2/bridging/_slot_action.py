@@ -119,7 +119,8 @@ class SenderWill:
             if not info.name.startswith(WILLS):
                 continue
             with suppress(SlotError, MessageUnreadableError):  # not a will, whatever its name
-                will = board[will_slot(info.name.removeprefix(WILLS))]
+                slot = will_slot(info.name.removeprefix(WILLS))
+                will = board.publisher(slot, make=False)
                 sample = will.sample()
                 if sample is None or sample.writer != goal.writer:
                     continue
