@@ -23,6 +23,7 @@ typedef struct {
     PyObject *message;       /* the latest message decoded */
     struct lwb_meta meta;    /* and its metadata */
     uint64_t added;          /* the count of the last message that it has added */
+    char makes;              /* it makes its slot, and takes its name back by reserving it */
     char retired;            /* it adds no more */
     char reads;              /* it has declared that it reads the slot */
 } Port;
@@ -47,6 +48,7 @@ static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwarg
     Port *self = (Port *)PyType_GenericAlloc(subtype, 0);
     if (!self)
         return NULL;
+    self->makes = (char)make;
     self->board = (Board *)Py_NewRef(board);
     self->name = Py_NewRef(name);
     self->type = (PyTypeObject *)Py_NewRef(type);
@@ -322,6 +324,10 @@ static PyObject *port_reserve(Port *self, PyObject *unused)
     if (!is_open(self->board, self->name))
         return NULL;
     int status;
+    if (!self->makes) {
+        status = lwb_make_ready_if_named(&self->slot);
+        return status && status != LWB_RENAMED ? fail(status, self->name, NULL) : Py_NewRef(Py_None);
+    }
     do status = (status = port_renew(self, true)) ? status : lwb_make_ready(&self->slot);
     while (status == LWB_RENAMED);
     return status ? fail(status, self->name, NULL) : Py_NewRef(Py_None);

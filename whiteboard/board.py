@@ -120,7 +120,8 @@ class BoundSlot(ABC, Generic[M]):
     def reserve(self) -> None:
         """Reserve what this process needs to add, so that an add cannot find the board full.
 
-        Raise :class:`.BoardFullError`. Without this, the first add reserves it.
+        Raise :class:`.BoardFullError`. Without this, the first add reserves it. A handle that was
+        bound without making the slot reserves nothing in one whose name was given up.
         """
 
     @abstractmethod
@@ -226,6 +227,7 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
         super().__init__()
         self._bind = bind
         self._alike: dict[tuple[str, type], BoundSlot[Any]] = {}
+        self._present: dict[tuple[str, type], BoundSlot[Any]] = {}  # which make no slot
 
     def __missing__(self, slot: Slot[Any]) -> BoundSlot[Any]:
         alike = slot.name, slot.type
@@ -234,8 +236,17 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
             bound = self[slot] = self._alike[alike] = self._bind(slot)
         return bound
 
+    def present(self, slot: Slot[Any], bind: Callable[[], BoundSlot[Any]]) -> BoundSlot[Any]:
+        """Return what `bind` returned for a slot of this name and type first."""
+        alike = slot.name, slot.type
+        bound = self._present.get(alike)
+        if bound is None:
+            bound = self._present[alike] = bind()
+        return bound
+
     def forget(self, slot: Slot[Any]) -> None:
         """Release what is bound to slots of this name and type."""
+        self._present.pop((slot.name, slot.type), None)
         bound = self._alike.pop((slot.name, slot.type), None)
         for each in [each for each, of_it in self.items() if of_it is bound]:
             del self[each]
@@ -258,6 +269,14 @@ class Board(ClosedOnExit):
         :class:`.BoardFullError` if there is no room to make it.
         """
         return self._bound[slot]
+
+    def present(self, slot: Slot[M]) -> BoundSlot[M]:
+        """Bind a slot of others, to look at it: it is not made anew when its name was given up.
+
+        Raise :class:`.SlotNotFoundError` if it is not on the board, and :class:`.SlotTypeError` if
+        it has another type there.
+        """
+        return self._bound.present(slot, lambda: self.publisher(slot, make=False))
 
     def add_message(self, slot: Slot[M], message: M) -> int:
         """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""
@@ -297,7 +316,7 @@ class Board(ClosedOnExit):
 
         count, text = 0, ""
         try:
-            bound = self.publisher(info.slot(), make=False)
+            bound = self.present(info.slot())
             count, sample = bound.count, bound.sample()
             if sample is not None:
                 count, text = sample.count, message_json(sample.message)

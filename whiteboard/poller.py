@@ -104,8 +104,11 @@ class BoardPoller:
         """Find new slots now, and drop those that are gone. Raise as :meth:`poll` does."""
         listed = self.board.slots()
         gone = self.slots.keys() - {info.name for info in listed}
+        for name in gone:
+            slot = self.slots.pop(name).slot
+            if slot is not None:
+                self.board.forget(slot)
         if gone:
-            self.slots = {name: each for name, each in self.slots.items() if name not in gone}
             self._bound = [each for each in self._bound if each[0].name not in gone]
         for info in listed:
             if info.name in self.slots or not self._wants(info.name):
@@ -113,7 +116,7 @@ class BoardPoller:
             polled = self.slots[info.name] = PolledSlot(info)
             try:
                 slot = Slot(info.name, class_of(info), info.capacity)
-                self._bound.append((polled, self.board.publisher(slot, make=False)))
+                self._bound.append((polled, self.board.present(slot)))
                 polled.slot = slot
             except BoardClosedError:
                 raise

@@ -165,19 +165,19 @@ class Guard:
         for name in self._watched.keys() - {*listed}:  # it was given up
             watched = self._watched.pop(name)
             self._release(watched)
+            self._board.forget(will_slot(watched.machine))
         for name in listed:
             if name not in self._watched:
                 machine = name.removeprefix(WILLS)
                 with suppress(SlotError):  # not a will, whatever its name, or given up since
-                    bound = self._board.publisher(will_slot(machine), make=False)
-                    self._watched[name] = _Watched(machine, bound)
+                    self._watched[name] = _Watched(machine, self._board.present(will_slot(machine)))
 
     def _strike_out(self) -> None:
         """Let what stands in for a machine that is heard again give way to its own messages."""
         limit_ns, heard = self._mirror().partition_s * 1e9, set()
         for machine in noted_machines(self._board):
             with suppress(WhiteboardError):
-                status = self._board.publisher(status_slot(machine), make=False).sample()
+                status = self._board.present(status_slot(machine)).sample()
                 if status is not None and time.monotonic_ns() - status.stamp_ns < limit_ns:
                     heard.add(machine)
         if heard:
@@ -202,9 +202,6 @@ class Guard:
             reserve(self._board, self._here(watched, sample.message))
             with suppress(WhiteboardError):  # for the mark that it was executed
                 watched.slot.reserve()
-                again = watched.slot.sample()
-                if again is not None and again.message.state == "withdrawn":
-                    self._board.vacate(will_slot(watched.machine))  # reserving took it back
 
     def _open(self, will: LastWill) -> _Process:
         """Watch the will's process."""
@@ -266,7 +263,7 @@ class Guard:
     def _silent_s(self, machine: str, will: LastWill) -> float:
         """Return the seconds since the process published a status; 0 if it never has."""
         with suppress(WhiteboardError):
-            sample = self._board.publisher(status_slot(machine), make=False).sample()
+            sample = self._board.present(status_slot(machine)).sample()
             if sample is not None and identity(sample.message) == identity(will):
                 return (time.monotonic_ns() - sample.stamp_ns) / 1e9
         return 0.0

@@ -392,7 +392,7 @@ def vacate_dead(board: Board, *, after_s: float = 60.0) -> None:
     listed = [info.name for info in board.slots()]
     for machine in [name.removeprefix(MACHINES) for name in listed if name.startswith(MACHINES)]:
         with suppress(SlotError, MessageError):  # not a machine's slots, whatever their names
-            sample = board.publisher(status_slot(machine), make=False).sample()
+            sample = board.present(status_slot(machine)).sample()
             if sample is None or time.monotonic_ns() - sample.stamp_ns < after_s * 1e9:
                 continue
             if not is_live(sample):

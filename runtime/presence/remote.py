@@ -132,7 +132,7 @@ class RemoteMachine:
     def _bound(self, slot: Slot[M]) -> BoundSlot[M] | None:
         """Bind a slot, if it is there: a machine that has ended has given up its names."""
         with suppress(SlotNotFoundError):
-            return self._board.publisher(slot, make=False)
+            return self._board.present(slot)
         return None
 
     def renew(self, lease_s: float) -> None:
@@ -161,11 +161,11 @@ class StatusSlots:
         listed = [info.name for info in self._board.slots() if info.name.startswith(MACHINES)]
         for name in self.bound.keys() - {*listed}:
             del self.bound[name]
+            self._board.forget(status_slot(name.removeprefix(MACHINES)))
         for name in listed:
             if name not in self.bound and wants(name):
                 with suppress(SlotError):  # not a machine's status, whatever its name
-                    slot = status_slot(name.removeprefix(MACHINES))
-                    self.bound[name] = self._board.publisher(slot, make=False)
+                    self.bound[name] = self._board.present(status_slot(name.removeprefix(MACHINES)))
 
     def samples(self) -> Iterator[tuple[str, Sample[MachineStatus]]]:
         """Yield the name and the latest status of each machine, also of those that are gone."""

@@ -259,7 +259,7 @@ def contested_slots(board: Board) -> dict[str, list[Commander]]:
         if info.name.startswith(COMMANDERS):
             with suppress(SlotError, MessageUnreadableError):  # not claims, whatever its name
                 slot = Slot(info.name, Commanders, info.capacity)
-                claims = board.publisher(slot, make=False).sample()
+                claims = board.present(slot).sample()
                 if claims is not None and is_contested(claims.message.commanders):
                     commanders = _alive(board, claims)
                     if is_contested(commanders):

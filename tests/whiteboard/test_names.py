@@ -107,6 +107,28 @@ def test_a_handle_that_is_to_make_nothing_makes_nothing(board: Whiteboard, kind:
     assert either.publisher(numbered(1), make=False).get() == Int64(1)
 
 
+@pytest.mark.parametrize("kind", ["shared", "local"])
+def test_who_only_looks_takes_no_name_back(board: Whiteboard, kind: str) -> None:
+    either = board if kind == "shared" else LocalBoard()
+    with pytest.raises(SlotNotFoundError, match="has no slot 'name/1'"):
+        either.present(numbered(1))
+    own = either.publisher(numbered(1))
+    own.add(Int64(1))
+    assert either.present(numbered(1)) is either.present(numbered(1))
+    assert either.present(numbered(1)).get() == Int64(1)
+    if kind == "shared":
+        either.vacate(numbered(1))
+        looks = board.publisher(numbered(1), make=False)
+        looks.reserve()
+        assert board.living() == []
+        own.reserve()  # the maker's
+        assert board.living() == ["name/1"]
+        board.vacate(numbered(1))
+        board.publisher(numbered(2)).add(Int64(2))  # takes its room
+        looks.reserve()
+        assert board.living() == ["name/2"]
+
+
 def test_adding_or_reserving_keeps_a_name_that_was_given_up(board: Whiteboard) -> None:
     for keep in (lambda bound: bound.add(Int64(2)), lambda bound: bound.reserve()):
         bound = board[numbered(1)]

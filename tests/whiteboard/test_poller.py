@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard import BoardClosedError, Message, Slot, Whiteboard
+from llfsm.whiteboard import BoardClosedError, Message, Slot, SlotNotFoundError, Whiteboard
 from llfsm.whiteboard.board import SlotInfo
+from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import (
     JournalPart,
     MachineStatus,
@@ -65,6 +66,22 @@ def test_a_new_slot_is_found_at_the_next_poll_and_is_there_before_its_first_mess
     board.add_message(B, Bool(True))
     assert values(poller.poll()) == {"b": True, "a": 7}
     assert [*poller.slots] == ["b", "a"]  # in the order in which they were made
+
+
+def test_a_name_that_was_given_up_since_it_was_listed_is_not_made_anew() -> None:
+    class Late(LocalBoard):
+        """List a slot that is gone."""
+
+        def slots(self) -> list[SlotInfo]:
+            return [*super().slots(), SlotInfo("gone", A.type_name, A.schema, A.capacity)]
+
+    board = Late()
+    board.add_message(B, Bool(True))
+    poller = BoardPoller(board)
+    assert values(poller.poll()) == {"b": True}
+    assert [*poller.slots] == ["b"]
+    with pytest.raises(SlotNotFoundError):
+        board.find("gone")
 
 
 def test_new_slots_are_looked_for_at_an_interval_and_when_asked() -> None:

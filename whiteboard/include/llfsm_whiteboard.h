@@ -1186,6 +1186,13 @@ static inline int lwb_make_ready(struct lwb_slot *s)
     return lwb_if_kept(s->board, lwb_keeps_name(s) ? lwb_keep_own(s) : LWB_RENAMED);
 }
 
+/* The same for who only looks after it for others: a name that was given up stays so. */
+static inline int lwb_make_ready_if_named(struct lwb_slot *s)
+{
+    uint64_t life = atomic_load_explicit(&s->record->life, memory_order_relaxed);
+    return lwb_if_kept(s->board, life == s->life ? lwb_keep_own(s) : LWB_RENAMED);
+}
+
 /* Wake the waiting processes, after the swap. `waiting` becomes even and a new number, so a process
  * that was about to sleep on the odd number does not, but reads the word again. (With a mere flag
  * it would sleep with the flag cleared, and the next writer would not wake it.) */

@@ -74,6 +74,6 @@ def _replace(board: Board, new: tuple[StandIn, ...], struck_out: Iterable[str]) 
 def _is_current(board: Board, noted: StandIn) -> bool:
     """Check that a stand-in is its slot's latest message, or the next one."""
     try:
-        return board.publisher(board.find(noted.slot), make=False).count <= noted.count
+        return board.present(board.find(noted.slot)).count <= noted.count
     except (SlotError, MessageError):  # its name was given up
         return False

@@ -119,8 +119,7 @@ class SenderWill:
             if not info.name.startswith(WILLS):
                 continue
             with suppress(SlotError, MessageUnreadableError):  # not a will, whatever its name
-                slot = will_slot(info.name.removeprefix(WILLS))
-                will = board.publisher(slot, make=False)
+                will = board.present(will_slot(info.name.removeprefix(WILLS)))
                 sample = will.sample()
                 if sample is None or sample.writer != goal.writer:
                     continue

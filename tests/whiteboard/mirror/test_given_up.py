@@ -134,6 +134,21 @@ def test_who_may_not_add_may_not_end(tmp_path: Path, settings: dict[str, object]
         assert theirs.living() == {"number"}
 
 
+def test_a_message_that_the_report_has_passed_does_not_take_the_name_back(tmp_path: Path) -> None:
+    """As an answer to a query may: it is made before the name's end, and arrives after it."""
+    with parts(tmp_path) as (ours, theirs):
+        ours.board.add_message(NUMBER, Number(1))
+        (message,) = ours.collect()
+        ours.board.vacate(NUMBER)
+        for data in (*ours.ends(), message):
+            theirs.exchange.receive_batch(data)
+        assert theirs.living() == set()
+        ours.now_ns += 1
+        ours.board.add_message(NUMBER, Number(2))
+        send(ours, theirs)
+        assert theirs.get() == Number(2)
+
+
 def test_a_message_that_is_held_back_does_not_take_the_name_back(tmp_path: Path) -> None:
     with parts(tmp_path) as (_, theirs):
         for number, payload in enumerate((Number(1), Number(2), Number(3), Number(4), b""), 1):
