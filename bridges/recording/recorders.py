@@ -279,8 +279,11 @@ class BoardRecorder:
                 if polled.problem:  # else the name was given up
                     self._warn(polled.name, polled.problem)
             else:
-                new = polled.name not in self._old
-                self.writer.add(polled.slot, polled.sample, new=new)
+                new, sample = polled.name not in self._old, polled.sample
+                latest_ns = time.monotonic_ns()
+                if sample.stamp_ns > latest_ns:  # a damaged board's
+                    sample = sample._replace(stamp_ns=latest_ns)
+                self.writer.add(polled.slot, sample, new=new)
 
     def wants(self, name: str) -> bool:
         """Check that a name matches one of the patterns, or that there are none."""

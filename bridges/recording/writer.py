@@ -58,6 +58,7 @@ COUNT, WRITER = "$count", "$writer"
 """Members of an attachment besides a definition's fields."""
 WRAP = 1 << 32
 """Sequences in a file are counts modulo this."""
+_NEVER_NS = 1 << 63  # MCAP has 64 bits for a time, other tools read them as signed
 _FLUSH_NS = 1_000_000_000
 _CHUNK = 1 << 20  # bytes, before compression
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # as on Windows
@@ -177,12 +178,15 @@ class RecordingWriter(ClosedOnExit):
         return channel
 
     def add_entry(self, journal: int, entry: Entry) -> None:
-        """Write an entry of a journal."""
+        """Write an entry of a journal; raise ``ValueError`` for a time that no file can have."""
         written = self._journals[journal]
-        written.behind_ns = entry.get("behind_ns", written.behind_ns)
+        behind_ns, now_ns = entry.get("behind_ns", written.behind_ns), written.now_ns
         if "time_ns" in entry:
-            written.now_ns = entry["time_ns"] + written.behind_ns
-        stamp_ns, number = written.now_ns + self._offset_ns, written.number
+            now_ns = entry["time_ns"] + behind_ns
+        stamp_ns, number = now_ns + self._offset_ns, written.number
+        if not 0 <= stamp_ns < _NEVER_NS:
+            raise ValueError(f"an entry of a journal has the time {stamp_ns} ns")
+        written.behind_ns, written.now_ns = behind_ns, now_ns
         written.number += 1
         data = msgspec.json.encode(entry)
         self._writer.add_message(journal, stamp_ns, data, stamp_ns, number & (WRAP - 1))

@@ -57,6 +57,22 @@ def test_each_poll_writes_what_is_new(board: Whiteboard, file: Path) -> None:
     assert numbers(file) == [1, 2, 3, 4, 6]
 
 
+def test_a_stamp_that_no_clock_has_shown_yet_is_the_present(board: Whiteboard, file: Path) -> None:
+    """Another process has damaged it: then the recording is as long as it was."""
+    board.add_message(READING, Reading(1))
+    stamp_ns = board[READING].sample().stamp_ns
+    data = board.path.read_bytes()
+    at = data.index(stamp_ns.to_bytes(8, "little"))
+    with board.path.open("r+b") as damaged:
+        damaged.seek(at)
+        damaged.write((2**64 - 1).to_bytes(8, "little"))
+    with RecordingWriter(file, {}) as writer:
+        BoardRecorder(board, writer, ["robot/*"]).poll()
+    begin_ns, end_ns = Recording(file).span_ns
+    assert end_ns - begin_ns < PATIENCE_S * 1e9
+    assert numbers(file) == [1]
+
+
 def test_it_asks_for_variables_if_they_are_recorded(board: Whiteboard, tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "a.mcap", {}) as writer:
         BoardRecorder(board, writer, ["robot/*"]).poll()

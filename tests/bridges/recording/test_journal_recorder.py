@@ -241,6 +241,10 @@ GARBAGE = [
     (5).to_bytes(4, "little") + msgspec.msgpack.encode([["x"]]) + b"??",
     (12).to_bytes(4, "little") + msgspec.msgpack.encode([["Dreamt", 1]])[:12].ljust(12, b"\0"),
     b"\xff\xff\xff\xff" * 9,
+    len(FAR := msgspec.msgpack.encode([["RoundBegin", [], 1, 2**64 - 1]])).to_bytes(4, "little")
+    + FAR,
+    len(PAST := msgspec.msgpack.encode([["RoundBegin", [], 1, -(2**62)]])).to_bytes(4, "little")
+    + PAST,
 ]
 
 
