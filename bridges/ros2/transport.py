@@ -29,6 +29,7 @@ import logging
 import os
 import threading
 from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
@@ -57,6 +58,7 @@ Req = TypeVar("Req", bound=Message)
 Res = TypeVar("Res", bound=Message)
 T = TypeVar("T")
 _LOG = logging.getLogger("llfsm.bridges.ros2")
+_MOST_NOTICES = 100  # of one kind about one name
 
 
 class Closable(ClosedOnExit):
@@ -416,7 +418,7 @@ class Notifier:
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:
         self._notify = notify
-        self._reported: set[tuple[NoticeKind, str, str]] = set()
+        self._reported: defaultdict[tuple[NoticeKind, str], set[str]] = defaultdict(set)
         self._lock = threading.Lock()
 
     def notify(self, kind: NoticeKind, text: str, name: str = "") -> None:
@@ -427,11 +429,14 @@ class Notifier:
             _LOG.exception("a function that gets notices failed")
 
     def once(self, kind: NoticeKind, name: str, text: str, about: str = "") -> None:
-        """Report an event the first time for this kind, name and ``about``."""
+        """Report an event the first time for this kind, name and ``about``, up to a number."""
         with self._lock:
-            if (kind, name, about) in self._reported:
+            reported = self._reported[kind, name]
+            if about in reported or len(reported) > _MOST_NOTICES:
                 return
-            self._reported.add((kind, name, about))
+            reported.add(about)
+            if len(reported) > _MOST_NOTICES:  # nodes may come and go for ever
+                text = "there are others, which are not reported"
         self.notify(kind, text, name)
 
     def bad_message(self, name: str, error: object) -> None:

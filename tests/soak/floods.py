@@ -1,7 +1,8 @@
 """Flood `llfsm turtlesim --ros` with calls of each kind, and measure how old its newest pose gets.
 
 Two processes call as fast as they can: goals, parameters that are read, set and described, type
-descriptions, a turtle's own services. The exit status is 1 if for a second no pose comes:
+descriptions, a turtle's own services; and nodes come and go. The exit status is 1 if for a second
+no pose comes:
 
     .venv/bin/python tests/soak/floods.py [--seconds 5] [KIND...]
 """
@@ -29,6 +30,7 @@ from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from waiting import wait_for
 
 DOMAIN, MOST_S, PROCESSES = 77, 1.0, 2
+TOKENS = "nodes that come and go, with another type"
 LLFSM = [sys.executable, "-m", "llfsm.cli"]
 TYPES = TypeLibrary()
 
@@ -81,7 +83,16 @@ KINDS: dict[str, tuple[str, str, Callable[[], dict[str, Any]]]] = {
 
 
 def flood(kind: str, router: str, seconds: float) -> None:
-    """Call as fast as can be, and print how often that was."""
+    """Call as fast as can be, or let nodes come and go, and print how often that was."""
+    if kind == TOKENS:
+        until_s, number = time.monotonic() + seconds, 0
+        with ZenohTransport(DOMAIN, router=[router]) as transport:
+            while time.monotonic() < until_s:
+                with transport.node(f"node{os.getpid()}_{number}") as node:
+                    node.publisher("/turtle1/cmd_vel", TYPES.message("turtlesim/msg/Pose"))
+                number += 1
+        print(f"{number / seconds:.0f}", flush=True)
+        return
     service, type_name, make = KINDS[kind]
     of = TYPES.service(type_name)
     with ZenohTransport(DOMAIN, router=[router]) as transport:
@@ -143,7 +154,7 @@ def main() -> int:
         flood(options.kinds[0], options.flood, options.seconds)
         return 0
     late = False
-    for kind in options.kinds or KINDS:
+    for kind in options.kinds or (*KINDS, TOKENS):
         gap_s, calls = largest_gap(kind, options.seconds)
         print(f"{kind}: {calls:.0f} calls a second; {gap_s:.2f} s without a pose at most")
         late |= gap_s > MOST_S

@@ -205,7 +205,7 @@ def main() -> int:
             grown = {each: size - before[each] for each, size in hosts.sizes().items()}
             took = time.monotonic() - begin
             print(f"{options.times} {label} in {took:.0f} s: KiB {before}, grown by {grown}")
-            bad |= any(kib > (0 if "board" in each else _MOST_KIB) for each, kib in grown.items())
+            bad |= any(kib > (each != "board") * _MOST_KIB for each, kib in grown.items())
     return int(bad)
 
 

@@ -230,6 +230,7 @@ class Discovery:
         self._notifier = notifier
         self._tokens: dict[str, Token] = {}
         self._by_name: defaultdict[str, dict[str, Token]] = defaultdict(dict)
+        self._own: defaultdict[str, dict[str, Token]] = defaultdict(dict)  # this session's of these
         self._graph: Graph | None = None
         self._changed = threading.Condition()
         self._over = False
@@ -291,7 +292,10 @@ class Discovery:
         with self._changed:
             self._tokens.pop(key, None)
             if token.endpoint is not None:
-                self._by_name[token.endpoint.name].pop(key, None)
+                for by_name in (self._by_name, self._own):
+                    by_name[token.endpoint.name].pop(key, None)
+                    if not by_name[token.endpoint.name]:
+                        del by_name[token.endpoint.name]
             self._announce()
 
     def _add(self, key: str, token: Token) -> None:
@@ -299,9 +303,11 @@ class Discovery:
             self._tokens[key] = token
             others = []
             if token.endpoint is not None:
-                of_name = self._by_name[token.endpoint.name]
-                others = list(of_name.values())
-                of_name[key] = token
+                name, is_own = token.endpoint.name, token.session == self._ours
+                others = list((self._by_name if is_own else self._own).get(name, {}).values())
+                self._by_name[name][key] = token
+                if is_own:
+                    self._own[name][key] = token
             self._announce()
         for other in others:
             for ours, theirs in ((other, token), (token, other)):

@@ -193,6 +193,20 @@ def test_another_type_under_our_name_is_reported_once(world, types, number, seen
     assert "std_msgs/msg/String" in reported[0].text
 
 
+def test_nodes_that_come_and_go_with_another_type_are_reported_up_to_a_number(
+    world, types, number, seen
+):
+    reported = seen()
+    one, two = world.open(), world.open(reported)
+    two.node("listener").subscription("a", number, seen())
+    for at in range(105):
+        one.node(f"talker{at}").publisher("a", types.message("std_msgs/msg/String"))
+    known(two, "/a", 105, 1)
+    reported.wait(lambda got: len(got) == 101)
+    assert "others" in reported[100].text
+    assert "std_msgs/msg/String" in reported[99].text
+
+
 def test_a_callback_that_raises_is_reported_once_and_called_again(world, number, seen):
     reported, got = seen(), seen()
     one, two = world.open(), world.open(reported)
