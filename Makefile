@@ -178,6 +178,7 @@ soak: $(VENV)/.ready-test
 	$(BIN)/python tests/bench/fleet.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hostile.py
 	$(BIN)/python tests/soak/floods.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/lives.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/guard.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/states.py
 	PYTHONPATH=tests:tests/fuzz $(BIN)/python tests/soak/flat.py

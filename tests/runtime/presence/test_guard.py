@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -71,6 +72,32 @@ def test_a_process_that_died_before_the_guard_came_is_dead_as_well(
         f"Drives: process {process.pid} died without shutting down; "
         f"posted its safe values to drive, lamp"
     ]
+
+
+LAST_PID = Path("/proc/sys/kernel/ns_last_pid")
+
+
+@pytest.mark.skipif(not os.access(LAST_PID, os.W_OK), reason="only root can choose a process's id")
+@pytest.mark.parametrize("sees_the_death", [True, False])
+def test_another_process_of_the_same_id_is_not_taken_for_it(
+    board: Whiteboard, runs: Runs, guard: Guard, sees_the_death: bool
+) -> None:
+    process, look = runs.start(), rounds(guard)
+    if sees_the_death:
+        look()
+    kill(process)
+    for _ in range(1000):  # others start processes, too
+        LAST_PID.write_text(str(process.pid - 1))
+        with subprocess.Popen(["sleep", "1000"]) as heir:
+            try:
+                if heir.pid == process.pid:
+                    wait_for(lambda: is_executed(board), "the will is executed", between=look)
+                    break
+            finally:
+                heir.kill()
+    else:
+        pytest.fail("the process's id was not to be had")
+    assert board.get_message(DRIVE) == SAFE
 
 
 def test_a_process_that_executes_another_program_has_died(
