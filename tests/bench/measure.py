@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from timeit import Timer
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 __all__ = [
     "Meter",
@@ -29,6 +29,7 @@ __all__ = [
     "Subject",
     "answering",
     "compiled",
+    "counts",
     "in_turns",
     "process",
     "statement",
@@ -43,6 +44,12 @@ _BEHIND_NS = 1_000_000  # a period
 
 Sampler: TypeAlias = Callable[[], float]
 """Takes one sample: nanoseconds, or bytes."""
+Proof: TypeAlias = tuple[Callable[[], Any], Callable[[Any, Any], bool]]
+
+
+def counts(look: Callable[[], int], more: int = 1) -> Proof:
+    """Make the proof that a number grows by so much with each execution."""
+    return look, lambda before, after: after - before == more
 
 
 class Pace(NamedTuple):
@@ -70,6 +77,18 @@ class Subject:
     names: dict[str, object]
     operations: int = 1  # in one execution of the statement
     before: str | None = None  # untimed, before each execution
+    proof: Proof | None = None
+    """What is to be seen before an execution and after it, and how these have to differ."""
+
+    def check(self) -> None:
+        """Execute it once; raise AssertionError if it does not do its work."""
+        assert self.proof is not None, f"{self.statement}: nothing shows that it does its work"
+        look, differs = self.proof
+        before = look()
+        exec(self.before or "pass", self.names)
+        exec(self.statement, self.names)
+        after = look()
+        assert differs(before, after), f"{self.statement}: {before} before, {after} after"
 
 
 class Meter(NamedTuple):
@@ -92,6 +111,7 @@ def statement(who: str, subject: Subject | None, sample_s: float) -> Meter:
     """Time a statement for about `sample_s` seconds a sample: nanoseconds an operation."""
     if subject is None:
         return Meter(who, "", None)
+    subject.check()
     timer = Timer(subject.statement, subject.before or "pass", globals=subject.names)
 
     def seconds(times: int) -> float:

@@ -19,11 +19,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
-from measure import wait_for
+from measure import Subject, counts, wait_for
 
-from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard import BoundSlot, Message, Slot, Whiteboard
 
-__all__ = ["beside", "samplers"]
+__all__ = ["beside", "samplers", "spaced"]
 
 
 class Bulk(Message):
@@ -148,11 +148,37 @@ def beside() -> Iterator[tuple[dict[str, object], dict[str, object]]]:
     with ExitStack() as stack:
         folders = [stack.enter_context(tempfile.TemporaryDirectory(dir="/dev/shm")) for _ in "ab"]
         boards = [stack.enter_context(Whiteboard("bench", directory=f)) for f in folders]
-        stack.enter_context(_daemon(folders[0], "--listen", _endpoint()))
+        # With a host that reads, so that what is added has to leave.
+        endpoint, there = _endpoint(), stack.enter_context(tempfile.TemporaryDirectory())
+        stack.enter_context(_daemon(folders[0], "--listen", endpoint))
+        stack.enter_context(_daemon(there, "--listen", _endpoint(), "--connect", endpoint))
+        other = stack.enter_context(Whiteboard("bench", directory=there))
         for board in boards:
             board.add_message(_BULK, Bulk())
+        wait_for(lambda: other.get_message(_BULK))
         mirrored, alone = ({"slot": board[_BULK], "message": Bulk()} for board in boards)
         yield mirrored, alone
+
+
+def used(call: str, names: dict[str, object]) -> Subject:
+    """Time a get or an add of the slot."""
+    slot = names["slot"]
+    assert isinstance(slot, BoundSlot)
+    return Subject(call, names, proof=counts(lambda: slot.count, int("add" in call)))
+
+
+def spaced(names: dict[str, object]) -> Callable[[], float]:
+    """Return what times one add: before each, the daemon has had the time to fall asleep."""
+    slot, message = names["slot"], names["message"]
+    assert isinstance(slot, BoundSlot)
+
+    def sample() -> float:
+        time.sleep(0.001)
+        begin_ns = time.perf_counter_ns()
+        slot.add(message)
+        return time.perf_counter_ns() - begin_ns
+
+    return sample
 
 
 @contextmanager

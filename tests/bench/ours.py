@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import sys
 import time
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from measure import Sampler, Subject
+from measure import Sampler, Subject, counts
 
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import (
@@ -34,7 +35,7 @@ __all__ = ["MANY", "nonstop", "subjects"]
 
 MANY = 1000
 _WALLS = 100
-_NONSTOP = 500  # rounds
+_NONSTOP = 10_000  # rounds: some of the times at which others see the machines, too
 _READERS = 100
 _BUILD = "Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))"
 
@@ -145,30 +146,55 @@ def subjects() -> Iterator[dict[str, Subject]]:
 
 def _on_board(board: Whiteboard, elsewhere: Whiteboard) -> dict[str, Subject]:
     slot = Slot("turtle1/cmd_vel", Twist)
+    cmd = board[slot]
+    # Handles of their own, so that each of them has the news still before it after one add.
+    readers = [board.publisher(slot) for _ in range(_READERS)]
     names = {
         "board": board,
         "CMD_VEL": slot,
-        "cmd": board[slot],
+        "cmd": cmd,
         "sender": elsewhere[slot],
-        # Bound apart, so that each of them has the news still before it after one add.
-        "readers": [board[Slot(slot.name, Twist)] for _ in range(_READERS)],
+        "readers": readers,
         "Twist": Twist,
         "Vector3": Vector3,
         "twist": Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0)),
     }
     board.add_message(slot, Twist())
+    made: dict[int, Twist | None] = {}  # by identity; they are kept, so that none has another's
+
+    def messages() -> int:
+        made.update({id(each): each for each in (reader.get() for reader in readers)})
+        return len(made)
+
+    added = counts(lambda: cmd.count)
+    nothing_new = cmd.get, operator.is_
     return {
-        "get": Subject("cmd.get()", names),
-        "get_message": Subject("board.get_message(CMD_VEL)", names),
+        "get": Subject("cmd.get()", names, proof=nothing_new),
+        "get_message": Subject("board.get_message(CMD_VEL)", names, proof=nothing_new),
         # One untimed add, then a hundred readers of the slot get it: nothing but gets is timed,
         # and each of them notices the news, copies it, makes a new message of six new floats,
         # and drops the message before it. The peers run the same loop.
         "get news": Subject(
-            "for reader in readers: reader.get()", names, _READERS, before="sender.add(twist)"
+            "for reader in readers: reader.get()",
+            names,
+            _READERS,
+            before="sender.add(twist)",
+            proof=counts(messages, _READERS),
         ),
-        "add": Subject("cmd.add(twist)", names),
-        "build and add": Subject(f"cmd.add({_BUILD})", names),
+        "add": Subject("cmd.add(twist)", names, proof=added),
+        "build and add": Subject(f"cmd.add({_BUILD})", names, proof=added),
     }
+
+
+def _turns(arrangement: Arrangement) -> Subject:
+    """Time a round of an arrangement, a turn of each machine."""
+    machines = len(arrangement.machines)
+    turns = counts(lambda: _turns_of(arrangement), machines)
+    return Subject("arrangement.round()", {"arrangement": arrangement}, machines, proof=turns)
+
+
+def _turns_of(arrangement: Arrangement) -> int:
+    return sum(seat.ringlets for seat in arrangement.roster)
 
 
 def _machines() -> dict[str, Subject]:
@@ -185,30 +211,22 @@ def _machines() -> dict[str, Subject]:
     Debugger(without_breakpoints).break_at("Counting:there")
     Debugger.of(without_breakpoints).break_at()
     return {
-        "firing": Subject("arrangement.round()", {"arrangement": Arrangement([Firing])}),
-        "guarded": Subject("arrangement.round()", {"arrangement": Arrangement([Guarded])}),
-        "class": Subject("arrangement.round()", {"arrangement": Arrangement(classes)}, MANY),
-        "bundle": Subject("arrangement.round()", {"arrangement": Arrangement(bundles)}, MANY),
-        "observed": Subject("arrangement.round()", {"arrangement": observed}, MANY),
-        "breakpoints": Subject("arrangement.round()", {"arrangement": with_breakpoints}, MANY),
-        "no breakpoints": Subject(
-            "arrangement.round()", {"arrangement": without_breakpoints}, MANY
+        "firing": _turns(Arrangement([Firing])),
+        "guarded": _turns(Arrangement([Guarded])),
+        "class": _turns(Arrangement(classes)),
+        "bundle": _turns(Arrangement(bundles)),
+        "observed": _turns(observed),
+        "breakpoints": _turns(with_breakpoints),
+        "no breakpoints": _turns(without_breakpoints),
+        "timed": _turns(Arrangement(others, timed=True)),
+        "ten": _turns(Arrangement(ten)),
+        "ten timed": _turns(Arrangement(ten_timed, timed=True)),
+        "many": _turns(Arrangement(many)),
+        "many, defined": _turns(Defined([Staying() for _ in range(MANY)])),
+        "firing, defined": _turns(Defined([Firing])),
+        "empty method": Subject(
+            "machine.empty()", {"machine": Staying()}, proof=(int, operator.eq)
         ),
-        "timed": Subject(
-            "arrangement.round()", {"arrangement": Arrangement(others, timed=True)}, MANY
-        ),
-        "ten": Subject("arrangement.round()", {"arrangement": Arrangement(ten)}, 10),
-        "ten timed": Subject(
-            "arrangement.round()", {"arrangement": Arrangement(ten_timed, timed=True)}, 10
-        ),
-        "many": Subject("arrangement.round()", {"arrangement": Arrangement(many)}, MANY),
-        "many, defined": Subject(
-            "arrangement.round()",
-            {"arrangement": Defined([Staying() for _ in range(MANY)])},
-            MANY,
-        ),
-        "firing, defined": Subject("arrangement.round()", {"arrangement": Defined([Firing])}),
-        "empty method": Subject("machine.empty()", {"machine": Staying()}),
     }
 
 
@@ -240,7 +258,7 @@ def _paced() -> dict[str, Subject]:
             if suffix:
                 arrangement.kernel.stopwatch = None
                 arrangement.kernel.pacer.__class__ = Unmeasured
-            found[what + suffix] = Subject("round()", {"round": arrangement.round}, 10)
+            found[what + suffix] = _turns(arrangement)
     return found
 
 
@@ -255,9 +273,9 @@ def _walls(board: Whiteboard) -> dict[str, Subject]:
                 arrangement.restart(machine.name)
             arrangement.round()
 
-        return Subject(
-            "round()", {"round": arrangement.round, "restart": restart}, _WALLS, before="restart()"
-        )
+        names = {"round": arrangement.round, "restart": restart}
+        turns = counts(lambda: _turns_of(arrangement), 2 * _WALLS)  # a restart has a round, too
+        return Subject("round()", names, _WALLS, "restart()", turns)
 
     return {"wall": driving(Arrangement), "wall, defined": driving(Defined)}
 
@@ -266,10 +284,14 @@ def _minutes() -> dict[str, Subject]:
     """Run a simulated minute of ten machines that wait for a second at a time."""
 
     def minute(kind: type[Arrangement]) -> Subject:
-        def run() -> None:
-            kind([Ticking() for _ in range(10)], clock=ManualClock()).run()
+        seconds = [0]
 
-        return Subject("run()", {"run": run})
+        def run() -> None:
+            machines = [Ticking() for _ in range(10)]
+            kind(machines, clock=ManualClock()).run()
+            seconds[0] += sum(machine.seconds for machine in machines)
+
+        return Subject("run()", {"run": run}, proof=counts(lambda: seconds[0], 600))
 
     return {"minute": minute(Arrangement), "minute, polled": minute(Polled)}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import operator
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TypeAlias
 
-from measure import Subject
+from measure import Subject, counts
 
 __all__ = ["PEERS", "open_peer", "version_of"]
 
@@ -79,17 +80,31 @@ def _blackboard(config: object, names: dict[str, object]) -> Subjects:
         entries=[entry] * _READS,  # its get does the same with every call: one will do
         value=entry.get(),
     )
+
+    def speed() -> float:
+        return float(entry.get().decode_as(Twist).linear.x)
+
+    def outdated() -> bool:
+        """Return whether there is news, and make some of another value."""
+        cmd, value = names["cmd"], names["value"]
+        is_new = not entry.is_up_to_date(value)
+        cmd.update_with_copy(Twist(Vector3(speed() + 1)))  # type: ignore[attr-defined]
+        return is_new
+
+    same = speed, operator.eq
+    added = outdated, lambda before, after: after
     return {
-        "get": Subject("entry.get().decode_as(Twist)", names),
+        "get": Subject("entry.get().decode_as(Twist)", names, proof=same),
         "get news": Subject(
             "for entry in entries: entry.get().decode_as(Twist)",
             names,
             _READS,
             before="cmd.update_with_copy(twist)",
+            proof=added,
         ),
-        "is_up_to_date": Subject("entry.is_up_to_date(value)", names),
-        "add": Subject("cmd.update_with_copy(twist)", names),
-        "build and add": Subject(f"cmd.update_with_copy({_BUILD})", names),
+        "is_up_to_date": Subject("entry.is_up_to_date(value)", names, proof=same),
+        "add": Subject("cmd.update_with_copy(twist)", names, proof=added),
+        "build and add": Subject(f"cmd.update_with_copy({_BUILD})", names, proof=added),
     }
 
 
@@ -100,9 +115,21 @@ def _py_trees() -> AbstractContextManager[Subjects]:
         def update(self) -> py_trees.common.Status:
             return py_trees.common.Status.RUNNING
 
-    tree = py_trees.trees.BehaviourTree(Leaf("leaf"))
+    leaf = Leaf("leaf")
+    tree = py_trees.trees.BehaviourTree(leaf)
     tree.setup()
-    return nullcontext({"step": Subject("tree.tick()", {"tree": tree})})
+    ticks = counts(lambda: tree.count)
+    runs = lambda: leaf.stop(py_trees.common.Status.INVALID), lambda *_: is_running()
+
+    def is_running() -> bool:
+        return leaf.status is py_trees.common.Status.RUNNING
+
+    return nullcontext(
+        {
+            "step": Subject("tree.tick()", {"tree": tree}, proof=ticks),
+            "step of the leaf": Subject("leaf.tick_once()", {"leaf": leaf}, proof=runs),
+        }
+    )
 
 
 def _transitions() -> AbstractContextManager[Subjects]:
@@ -114,7 +141,8 @@ def _transitions() -> AbstractContextManager[Subjects]:
         initial="ping",
         auto_transitions=False,
     )
-    return nullcontext({"step": Subject("machine.go()", {"machine": machine})})
+    fires = lambda: machine.state, operator.ne  # type: ignore[attr-defined]
+    return nullcontext({"step": Subject("machine.go()", {"machine": machine}, proof=fires)})
 
 
 def _python_statemachine() -> AbstractContextManager[Subjects]:
@@ -125,7 +153,9 @@ def _python_statemachine() -> AbstractContextManager[Subjects]:
         pong = State()
         go = ping.to(pong) | pong.to(ping)
 
-    return nullcontext({"step": Subject("machine.go()", {"machine": PingPong()})})
+    machine = PingPong()
+    fires = lambda: [state.id for state in machine.configuration], operator.ne
+    return nullcontext({"step": Subject("machine.go()", {"machine": machine}, proof=fires)})
 
 
 def _sismic() -> AbstractContextManager[Subjects]:
@@ -148,7 +178,8 @@ def _sismic() -> AbstractContextManager[Subjects]:
     def step(interpreter: Interpreter) -> Subject:
         interpreter.execute_once()  # enters the initial state
         statement = 'interpreter.queue("go").execute_once()'
-        return Subject(statement, {"interpreter": interpreter})
+        fires = lambda: interpreter.configuration, operator.ne
+        return Subject(statement, {"interpreter": interpreter}, proof=fires)
 
     return nullcontext(
         {

@@ -68,20 +68,20 @@ def _running(board: str, machines: int) -> Iterator[tuple[int, Whiteboard]]:
 
 @contextmanager
 def samplers(board: str) -> Iterator[tuple[Sampler, Sampler | None]]:
-    """Yield what times an answer of a machine, and a round trip in C if there is a compiler."""
+    """Yield what times a round trip to a machine, and one in C if there is a compiler."""
     with ExitStack() as stack:
         _, whiteboard = stack.enter_context(_running(board, 1))
         ask, answer = whiteboard[ASK], whiteboard[ANSWER]
 
         def ours() -> float:
             time.sleep(_PAUSE_S)
-            before = answer.count
+            before, begin_ns = answer.count, time.monotonic_ns()
             ask.add(Int32(before + 1))
             answered = answer.wait(after=before, timeout=_PATIENCE_S)
-            asked = ask.sample()
-            if answered is None or asked is None:
+            taken_ns = time.monotonic_ns() - begin_ns
+            if answered is None or answered.message != Int32(before + 1):
                 raise TimeoutError("the machine does not answer")
-            return answered.stamp_ns - asked.stamp_ns
+            return taken_ns
 
         yield ours, stack.enter_context(_round_trips())
 

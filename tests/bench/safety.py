@@ -8,15 +8,18 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
-from measure import Meter, Sampler, Subject
+from measure import Meter, Sampler, Subject, counts
 
 from llfsm.runtime import Actuator, Arrangement, Machine, State
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.watchdog import Watchdog
+from llfsm.runtime.presence.will import Will
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.llfsm import will_slot
 
 __all__ = ["guarded", "watched"]
 
@@ -52,19 +55,29 @@ class Guarded:
     def __init__(self, stack: ExitStack):
         folders = [stack.enter_context(tempfile.TemporaryDirectory(dir="/dev/shm")) for _ in "ab"]
         boards = [stack.enter_context(Whiteboard("bench", directory=each)) for each in folders]
+        # As a run leaves it: what the guard watches while the calls below are timed.
+        Will(boards[0], "Safe", [(_CMD_VEL, _ZERO)], 0).leave()
         self._guard = stack.enter_context(_guard(folders[0]))
+        self._guarded = boards[0]
         safe, plain = Safe(), Plain()
         arrangements = [
             stack.enter_context(Arrangement([safe], whiteboard=boards[0])),
             stack.enter_context(Arrangement([plain], environment=BoardEnvironment(boards[1]))),
         ]
+        added = [counts(partial(_count, board)) for board in boards]
         self.ringlets = [
-            Subject("arrangement.round()", {"arrangement": each}) for each in arrangements
+            Subject("arrangement.round()", {"arrangement": each}, proof=proof)
+            for each, proof in zip(arrangements, added, strict=True)
         ]
         self.adds = [
-            Subject("add(message)", {"add": add, "message": _GO})
-            for add in (safe.drive, boards[1][_CMD_VEL].add)
+            Subject("add(message)", {"add": add, "message": _GO}, proof=proof)
+            for add, proof in zip((safe.drive, boards[1][_CMD_VEL].add), added, strict=True)
         ]
+
+    def is_guarded(self) -> bool:
+        """Return whether there is a will that the guard has to watch."""
+        will = self._guarded.get_message(will_slot("Safe"))
+        return will is not None and will.state == "left" and bool(will.values)
 
     def percent(self, seconds: float) -> float:
         """Let a machine post for so long; return the part of a core that the guard takes."""
@@ -78,6 +91,10 @@ class Guarded:
     def _cpu_ns(self) -> int:
         tasks = Path(f"/proc/{self._guard.pid}/task").glob("*/schedstat")
         return sum(int(task.read_text().split()[0]) for task in tasks)
+
+
+def _count(board: Whiteboard) -> int:
+    return board[_CMD_VEL].count
 
 
 @contextmanager

@@ -20,6 +20,7 @@ __all__ = [
     "FASTER",
     "FRAMES",
     "HEAD",
+    "LEAST",
     "MEDIANS",
     "MORE_BYTES",
     "MORE_PERCENT",
@@ -53,6 +54,7 @@ class Score(NamedTuple):
 FASTER = Score(lambda ours, its: median(map(truediv, its, ours)), "x", more_is_better=True)
 SLOWER = Score(lambda ours, its: median(map(truediv, ours, its)), "x")
 MEDIANS = Score(lambda ours, its: median(ours) / median(its), "x")
+LEAST = Score(lambda ours, its: min(ours) / min(its), "x", shown=min)
 P99S = Score(lambda ours, its: _p99(ours) / _p99(its), "x", shown=_p99)
 ADDED_NS = Score(lambda ours, its: min(ours) - min(its), " ns", shown=min)
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
@@ -70,7 +72,7 @@ FRAMES = Score(min, "/s", more_is_better=True, sampled="/s")
 PERIODS = Score(max, " periods", sampled="periods")
 
 _LINE = "{:<33}{:>9} {:>9}  {:<20}{:>9}  {:<10} {}"
-HEAD = _LINE.format("", "ours", "theirs", "of", "ratio", "promised", "met")
+HEAD = _LINE.format("", "ours", "theirs", "of", "result", "promised", "met")
 
 
 class Row(NamedTuple):
