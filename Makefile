@@ -36,7 +36,8 @@ help:
 	@echo "make fallback  run those of machines without the extensions in C"
 	@echo "make fallback-all  run all of them so; what needs shared memory is skipped"
 	@echo "make slowest   run the tests and list the hundred that cost most, and the costliest files"
-	@echo "make mutants   change 300 functions, each at one place, and look whether a test finds it: hours;"
+	@echo "make mutants   break each promise of the documents, the protocol of the boards, and 300 functions,"
+	@echo "               each at one place, and look whether a test finds it: hours;"
 	@echo "               AGAINST=out/before.json: the mutants of an earlier run, and what is missed now"
 	@echo "make test-aarch64  test the whiteboard and the order of turns on aarch64, under qemu"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
@@ -90,6 +91,8 @@ slowest: $(VENV)/.ready-test
 # What was judged before is not judged again: remove out/mutants.json to begin anew.
 AGAINST ?=
 mutants: $(VENV)/.ready-test
+	$(BIN)/python .ci/promises.py
+	$(BIN)/python tests/stress/mutants.py
 	$(BIN)/python .ci/mutants.py $(if $(AGAINST),--against $(AGAINST))
 
 # On Debian, with its packages qemu-user-static and gcc-aarch64-linux-gnu. The emulated

@@ -32,7 +32,7 @@ import re
 from collections.abc import Iterable
 from typing import NoReturn
 
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, listed
 from llfsm.whiteboard.slot_names import is_users
 
 
@@ -97,7 +97,7 @@ class SlotNotFoundError(SlotError):
     def __init__(self, board: str, name: str, slots: Iterable[str]):
         known = list(filter(is_users, slots))
         super().__init__(
-            f"board {board!r} has no slot {name!r}; its slots: {', '.join(known) or 'none'}"
+            f"board {board!r} has no slot {name!r}; its slots: {listed(known)}"
             f"{did_you_mean(name, known)}"
         )
 

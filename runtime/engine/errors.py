@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, listed
 
 
 class FsmError(LlfsmError):
@@ -114,9 +114,9 @@ class UnknownMachineError(FsmError, LookupError):
         self.name = name
         self.known = tuple(known)
         self.elsewhere = tuple(elsewhere)
-        names = ", ".join(self.known) or "none"
+        names = listed(self.known)
         if self.elsewhere:
-            names += f"; run by other processes: {', '.join(self.elsewhere)}"
+            names += f"; run by other processes: {listed(self.elsewhere)}"
         which = f"machine at index {name}" if isinstance(name, int) else f"machine {name!r}"
         near = "" if isinstance(name, int) else did_you_mean(name, (*self.known, *self.elsewhere))
         super().__init__(f"no {which}; {where}: {names}{near}")

@@ -21,6 +21,7 @@ __all__ = [
 ]
 
 _LONGEST = 300  # characters of an error in one line
+_MOST_LISTED = 20  # names in one
 
 
 class LlfsmError(Exception):
@@ -39,6 +40,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         repr(names[each]) for each in get_close_matches(name.casefold(), names, n=2, cutoff=0.65)
     ]
     return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """List what there is, in an error's message: the first twenty, and how many more; or "none"."""
+    known = list(names)
+    more = f" and {len(known) - _MOST_LISTED} more" if len(known) > _MOST_LISTED else ""
+    return (", ".join(known[:_MOST_LISTED]) or "none") + more
 
 
 def nearby_file(path: Path) -> str:

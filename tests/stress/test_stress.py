@@ -1,4 +1,4 @@
-"""The whiteboard under stress from processes: see processes.py and names.c for what must hold.
+"""The whiteboard under stress: see processes.py, stress.c and names.c for what must hold.
 
 ``LLFSM_STRESS=80`` does eighty times as much, as `make soak` does; ``LLFSM_STRESS_SEED`` repeats a
 run that failed.
@@ -19,6 +19,7 @@ import pytest
 
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
+from waiting import PATIENCE_S
 
 PROCESSES = Path(__file__).with_name("processes.py")
 INCLUDE = Path(__file__).parents[2] / "whiteboard/include"
@@ -55,6 +56,24 @@ def test_a_board_that_is_changed_while_it_is_used_harms_nobody(tmp_path: Path) -
     subprocess.run([*command, str(PROCESSES.with_name("hostile.c"))], check=True)
     seconds = str(max(2, round(2 * SCALE)))
     done = subprocess.run([program, seconds, SEED], text=True, capture_output=True, check=False)
+    print(done.stdout)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.compiler
+def test_many_threads_read_whole_messages_and_are_woken(tmp_path: Path) -> None:
+    """It ends early if they do not, or never."""
+    program = tmp_path / "stress"
+    command = ["cc", "-std=c11", "-O2", "-pthread", f"-I{INCLUDE}", "-o", str(program)]
+    subprocess.run([*command, str(PROCESSES.with_name("stress.c"))], check=True)
+    seconds = max(2, round(2 * SCALE))
+    done = subprocess.run(
+        [program, str(seconds)],
+        text=True,
+        capture_output=True,
+        check=False,
+        timeout=seconds + PATIENCE_S,
+    )
     print(done.stdout)
     assert done.returncode == 0, done.stderr
 

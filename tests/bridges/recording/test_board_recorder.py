@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,17 @@ def test_the_last_messages_before_the_end_are_there(board: Whiteboard, file: Pat
         board.add_message(READING, Reading(2))
         record(recorder, None, writer, lambda: True)
     assert numbers(file) == [2]
+
+
+def test_what_is_a_second_old_is_in_the_file(board: Whiteboard, file: Path) -> None:
+    """A process that is killed then has lost no more than that second."""
+    with RecordingWriter(file, {}) as writer:
+        board.add_message(READING, Reading(1))
+        BoardRecorder(board, writer, ["robot/*"]).poll()
+        until_ns = time.monotonic_ns() + 1_000_000_000
+        wait_for(lambda: time.monotonic_ns() > until_ns)
+        writer.flush_if_due()
+        assert numbers(file) == [1]
 
 
 def test_killed_it_leaves_a_file_that_can_be_read(

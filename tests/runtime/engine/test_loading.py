@@ -308,3 +308,10 @@ def test_the_clock_is_read_at_each_evaluation():
     slow = Slow()
     Arrangement([slow], clock=clock).round()
     assert slow.state_name == "c"
+
+
+def test_an_error_lists_no_more_names_than_can_be_read() -> None:
+    with pytest.raises(UnknownMachineError) as caught:
+        raise UnknownMachineError("Machine1000", [f"Machine{number}" for number in range(1000)])
+    assert "Machine19 and 980 more; did you mean 'Machine" in str(caught.value)
+    assert len(str(caught.value)) < 400
