@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = {
     "guarantees.toml": "docs/reference/guarantees.md",
     "security.toml": "SECURITY.md",
+    "survivors.toml": "",
 }
 _ROW = re.compile(r"^\| (?P<promise>.*) \| (?P<tests>(?:[^|]*`tests/[^|]*)) \|$")
 _TEST = re.compile(r"`((?:tests/)?[\w/.]+)`")
@@ -74,9 +75,13 @@ def _tests(column: str) -> Iterator[str]:
 
 
 def broken(name: str) -> Iterator[Broken]:
-    """Read the changes for the promises of a page."""
-    known = [*promises(PAGES[name])]
+    """Read the changes for the promises of a page, or for what has its tests beside it."""
+    page = PAGES[name]
+    known = [*promises(page)] if page else []
     for each in tomllib.loads((ROOT / "tests/mutants" / name).read_text())["mutant"]:
+        if not page:
+            yield Broken(Promise(each.pop("text"), each.pop("tests")), **each)
+            continue
         begins = each.pop("promise")
         (of,) = [promise for promise in known if promise.text.startswith(begins)]
         yield Broken(of, **each)

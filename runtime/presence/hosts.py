@@ -16,7 +16,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, Literal, NamedTuple, Self, TypeAlias
 
@@ -42,6 +42,7 @@ from llfsm.whiteboard.messages.llfsm import (
     VARIABLES,
     WHYS,
     Bell,
+    HostHeard,
     HostSummary,
     MachineStatus,
     MachineTrouble,
@@ -363,6 +364,19 @@ class FleetTable:
         contact_ns, summary = (None, None) if sample is None else (sample.stamp_ns, sample.message)
         is_own = name == self._names.own
         return HostRow(name, is_own, known.is_there, contact_ns, lead_s, summary, trouble)
+
+
+def hearing(rows: Sequence[HostRow]) -> dict[str, dict[str, HostHeard]]:
+    """Return what each host hears of which others, by their names, from their summaries.
+
+    A host without a summary is left out; one that has no name for others has that of its network.
+    """
+    names = {row.summary.host: row.name for row in rows if row.summary is not None}
+    return {
+        row.name: {names.get(each.host, each.name): each for each in row.summary.hears}
+        for row in rows
+        if row.summary is not None
+    }
 
 
 _LOOK_S = 0.25  # between two looks for what hosts have announced

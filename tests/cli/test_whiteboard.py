@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import threading
+from collections.abc import Iterator
 
 import pytest
 
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.llfsm import (
+    HOSTS,
+    MIRROR,
+    HostHeard,
+    Hosts,
+    HostSummary,
+    MirrorStatus,
+    summary_slot,
+)
 from llfsm.whiteboard.slot_names import KEEPS_READ
+from waiting import wait_for
 
 from .conftest import Llfsm, exists, wait_for_line
 
@@ -146,3 +159,59 @@ def test_a_board_that_is_not_there(llfsm: Llfsm, board: str, arguments: list[str
     assert done.returncode == 1
     assert "no such whiteboard" in done.stderr
     assert not exists(board)
+
+
+@pytest.fixture
+def fleet(board: str) -> Iterator[Whiteboard]:
+    """A board of robot1, whose daemon is this process, and which has lost robot3."""
+    hears = {
+        "": ("id1", [HostHeard("id2", "vm", 0.1, 0.4, 0), HostHeard("id3", "vm", 7.2, 0.4, 5)]),
+        "robot2": (
+            "id2",
+            [HostHeard("id1", "vm", 0.1, 12.34, 0), HostHeard("id9", "lab", 0, 1, 0)],
+        ),
+    }
+    ended = threading.Event()
+    with Whiteboard(board) as wb:
+        wb.add_message(summary_slot("robot3"), HostSummary(host="id3"))
+
+        def publish() -> None:
+            while not ended.is_set():
+                wb.add_message(MIRROR, MirrorStatus(name="robot1", fleet=("robot*",)))
+                wb.add_message(HOSTS, Hosts(("robot1", "robot2")))
+                for host, (identity, heard) in hears.items():
+                    wb.add_message(
+                        summary_slot(host), HostSummary(host=identity, hears=tuple(heard))
+                    )
+                ended.wait(0.05)
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        wait_for(lambda: wb.get_message(HOSTS))
+        yield wb
+        ended.set()
+        thread.join()
+
+
+def test_the_fleet_is_a_table_of_who_hears_whom(llfsm: Llfsm, fleet: Whiteboard) -> None:
+    printed = llfsm.run("whiteboard", "status", "--fleet", "-b", fleet.name).stdout.splitlines()
+    assert [line.split() for line in printed[:3]] == [
+        ["HOST", "robot1", "robot2", "robot3", "lab"],
+        ["robot1", ".", "0.4", "ms", "silent", "7", "s", "-"],
+        ["robot2", "12.3", "ms", ".", "-", "1.0", "ms"],
+    ]
+    assert re.fullmatch(r"robot3 +- +- +\. +- +lost for \d+ s", printed[3])
+    rows = json.loads(
+        llfsm.run("whiteboard", "status", "--fleet", "--json", "-b", fleet.name).stdout
+    )
+    assert {name: row["lost"] for name, row in rows.items()} == {
+        "robot1": False, "robot2": False, "robot3": True,
+    }  # fmt: skip
+    assert rows["robot1"]["hears"]["robot3"]["silent_s"] == 7.2
+
+
+def test_a_host_without_a_name_has_no_fleet(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(MIRROR, MirrorStatus())
+        done = llfsm.run("whiteboard", "status", "--fleet", "-b", board)
+    assert (done.returncode, "with --as" in done.stderr) == (1, True)

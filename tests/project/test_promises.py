@@ -25,6 +25,12 @@ def promises() -> Iterator[ModuleType]:
     sys.path[:] = path
 
 
+def test_what_survived_once_is_still_to_be_found(promises: ModuleType) -> None:
+    for change in promises.broken("survivors.toml"):
+        assert change.text(ROOT) != (ROOT / change.file).read_text()
+        assert all((ROOT / test).exists() for test in change.promise.tests)
+
+
 @pytest.mark.parametrize("name", ["guarantees.toml", "security.toml"])
 def test_each_promise_has_tests_and_a_change_that_breaks_it(
     promises: ModuleType, name: str

@@ -554,6 +554,16 @@ class MachineTrouble(Message):
     error: str = ""
 
 
+class HostHeard(Message):
+    """Another host, as a host hears it; what is not listed, it has never heard."""
+
+    host: str  # its id
+    name: str  # in its network
+    silent_s: float
+    lag_ms: float
+    lost: int
+
+
 class HostSummary(Message):
     """A named host in a few lines, for others that look at the fleet; published once a second.
 
@@ -570,6 +580,8 @@ class HostSummary(Message):
     machines: int = 0
     troubled: int = 0  # how many of these are in trouble
     troubles: tuple[MachineTrouble, ...] = ()  # of the first of these
+    host: str = ""  # its id
+    hears: tuple[HostHeard, ...] = ()
 
     @classmethod
     def of(cls, status: MirrorStatus, **of_host: Any) -> Self:
@@ -577,6 +589,10 @@ class HostSummary(Message):
         shared = {*cls.__struct_fields__} & {*MirrorStatus.__struct_fields__}
         metrics = {name: getattr(status, name) for name in shared}
         metrics["refused"] = sum(each.count for each in status.refused)
+        fields = HostHeard.__struct_fields__
+        metrics["hears"] = tuple(
+            HostHeard(**{name: getattr(peer, name) for name in fields}) for peer in status.peers
+        )
         return cls(**metrics, **of_host)
 
 

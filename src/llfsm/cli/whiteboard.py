@@ -21,7 +21,14 @@ from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.plans import line_of, read_text, read_toml
 from llfsm.runtime.presence.guard import GuardThread
-from llfsm.runtime.presence.hosts import HostNames, summary_publisher
+from llfsm.runtime.presence.hosts import (
+    FleetTable,
+    HostNames,
+    HostRow,
+    hearing,
+    summary_publisher,
+)
+from llfsm.runtime.presence.remote import PATIENCE_S, SILENT_S
 from llfsm.runtime.presence.slot_ownership import contested_slots, described
 from llfsm.whiteboard import (
     BoardError,
@@ -35,7 +42,7 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.message_text import message_class, parse_message
-from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
+from llfsm.whiteboard.messages.llfsm import MIRROR, HostHeard, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
 from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
@@ -283,11 +290,85 @@ def _located(error: NetworkError, config: Path | None, flags: dict[str, object])
 
 @click.command()
 @board_option
+@click.option("--fleet", is_flag=True, help="Print which host hears which, and the lost ones.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def status(board: BoardPlace, as_json: bool) -> None:
-    """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals."""
+def status(board: BoardPlace, fleet: bool, as_json: bool) -> None:
+    """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals.
+
+    With --fleet, it is a line for each named host, and a column for each that it hears: how long
+    its messages take, or for how long it has been silent there; nothing if it was never heard.
+
+    \b
+    llfsm whiteboard status
+    llfsm whiteboard status --fleet
+    """
     latest = read_status(board)
+    if fleet:
+        if not latest.name:
+            raise click.ClickException(
+                "this host has no name in a fleet: start its daemon with --as and --fleet"
+            )
+        rows = _fleet_rows(board)
+        echo(json.dumps(_heard_plain(rows)) if as_json else "\n".join(_heard_text(rows)))
+        return
     echo(json.dumps(to_plain(latest)) if as_json else f"{board.name}: {latest.text()}")
+
+
+def _fleet_rows(board: BoardPlace) -> list[HostRow]:
+    """Wait until the hosts that can be reached have sent a summary, for a few seconds at most."""
+    with board.open(create=False) as wb, FleetTable(wb) as table:
+        begin = time.monotonic()
+        while True:
+            table.look()
+            rows = table.rows()
+            waited_s = time.monotonic() - begin
+            reached = [row for row in rows if row.is_there]
+            is_new = [row.contact_ns and row.contact_ns > begin * 1e9 for row in reached]
+            if waited_s > PATIENCE_S or (waited_s > 1 and len(reached) > 1 and all(is_new)):
+                return rows
+            time.sleep(_POLL_S)
+
+
+def _lost_s(row: HostRow) -> float | None:
+    if row.trouble != "lost" or row.contact_ns is None:
+        return None
+    return (time.monotonic_ns() - row.contact_ns) / 1e9
+
+
+def _heard_plain(rows: list[HostRow]) -> dict[str, Any]:
+    heard = hearing(rows)
+    return {
+        row.name: {
+            "lost": row.trouble == "lost",
+            "lost_s": _lost_s(row),
+            "hears": {name: to_plain(each) for name, each in heard.get(row.name, {}).items()},
+        }
+        for row in rows
+    }
+
+
+def _heard_text(rows: list[HostRow]) -> Iterator[str]:
+    heard = hearing(rows)
+    names = [row.name for row in rows]
+    columns = dict.fromkeys((*names, *(name for each in heard.values() for name in each)))
+    lines = [["HOST", *columns, ""]]
+    for row in rows:
+        of_row, lost_s = heard.get(row.name, {}), _lost_s(row)
+        cells = ["." if name == row.name else _cell(of_row.get(name)) for name in columns]
+        state = "" if row.trouble != "lost" else "lost"
+        lines.append([row.name, *cells, state if lost_s is None else f"lost for {lost_s:.0f} s"])
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        cells = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
+        yield "  ".join(cells).rstrip()
+
+
+def _cell(heard: HostHeard | None) -> str:
+    if heard is None:
+        return "-"
+    if heard.silent_s > SILENT_S:
+        return f"silent {heard.silent_s:.0f} s"
+    return f"{heard.lag_ms:.1f} ms"
 
 
 def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:
