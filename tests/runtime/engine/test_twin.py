@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from definition import BUILT, Defined
@@ -234,7 +234,14 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
+LEAVES_AFTER_5_MS: Any = ({}, [(1, None, 5, "")], {}, (set(), False))
+STAYS: Any = ({}, [], {}, (set(), False))
+AT_THE_LIMIT = [[LEAVES_AFTER_5_MS, STAYS]], "stop", False, False, False, {}
+"""A turn is given at the very time after which a transition fires."""
+
+
 @given(drawn=worlds, events_=happenings)
+@example(drawn=AT_THE_LIMIT, events_=[("nothing", 0)] * 4)
 @pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
 @pytest.mark.usefixtures("_quiet")
 def test_random_machines_do_the_same_on_both(drawn: Any, events_: list[tuple[str, int]]) -> None:
