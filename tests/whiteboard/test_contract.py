@@ -90,6 +90,15 @@ def test_a_message_of_another_class_of_the_type_is_one_of_the_slot(board: Board)
     assert board[POINT].count == 3
 
 
+def test_a_compare_and_swap_adds_only_after_the_latest(board: Board) -> None:
+    point = board[POINT]
+    assert point.add_after(Point(x=1.0), 0) == 1
+    assert point.add_after(Point(x=2.0), 1) == 2
+    for count in (0, 1, 3):
+        assert point.add_after(Point(x=9.0), count) == 0
+    assert point.get() == Point(x=2.0)
+
+
 def test_reserving_adds_nothing(board: Board) -> None:
     point = board[POINT]
     for count in (0, 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import queue
 from collections.abc import Callable
 from pathlib import Path
@@ -54,6 +55,7 @@ def test_a_subscription_reports_it_once_and_goes_on(
                 error = received.get(timeout=PATIENCE_S)
                 assert isinstance(error, MessageUnreadableError)
                 assert error.count == count
+                assert f"that process {os.getpid()} wrote" in str(error)
                 count = number.add(Number(count))
                 sample = received.get(timeout=PATIENCE_S)
                 assert isinstance(sample, Sample)

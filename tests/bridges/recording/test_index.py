@@ -122,6 +122,23 @@ def test_no_more_of_a_file_is_in_memory_than_is_looked_at(file: Path, cut: int) 
         tracemalloc.stop()
 
 
+def test_of_large_chunks_fewer_are_kept(file: Path) -> None:
+    """All of them would take 160 MB."""
+    with RecordingWriter(file, {}) as writer:
+        for count in range(1, CACHED_CHUNKS + 1):
+            stamp_ns = writer.begin_ns + count * MS
+            reading = Reading(count, data=bytes(10_000_000))
+            writer.add(READING, Sample(reading, count, stamp_ns, 1))
+    tracemalloc.start()
+    try:
+        recording = Recording(file)
+        for chunk in recording.chunks:
+            recording.latest(recording.slots[READING.name], writer.begin_ns + (chunk + 1) * MS)
+        assert tracemalloc.get_traced_memory()[0] < 90_000_000
+    finally:
+        tracemalloc.stop()
+
+
 def test_a_damaged_chunk_is_left_out_with_one_warning(
     file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

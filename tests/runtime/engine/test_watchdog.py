@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
+import select
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -127,6 +130,35 @@ class Quick(Machine):
         self.turns += 1
 
     a.to(b, when=lambda m: m.turns > 3000)
+
+
+STOPPED = """
+import logging
+from llfsm.runtime import Arrangement, Machine, State
+
+class Waits(Machine):
+    a, b = State(), State()
+    a.to(b, when=lambda m: False)
+    a.on_entry(lambda m: print("runs", flush=True))
+
+logging.basicConfig()
+Arrangement([Waits], watchdog_ms=20).run()
+"""
+
+
+def test_a_process_that_was_stopped_reports_it_when_it_goes_on() -> None:
+    command = [sys.executable, "-c", STOPPED]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "runs\n"
+        process.send_signal(signal.SIGSTOP)
+        until = time.monotonic() + 1.5
+        wait_for(lambda: time.monotonic() > until)
+        process.send_signal(signal.SIGCONT)
+        wait_for(lambda: select.select([process.stderr], [], [], 0)[0], patience_s=20)
+        process.terminate()
+        assert "this process has not run for" in process.communicate()[1]
 
 
 def test_a_machine_that_is_merely_busy_is_not_reported(caplog: pytest.LogCaptureFixture) -> None:

@@ -17,7 +17,7 @@ from driving import DRIVE, GO, LAMP, OFF, QUIET, SAFE, Runs, kill
 from llfsm.runtime.presence.guard import Guard, GuardThread
 from llfsm.runtime.presence.will import execute
 from llfsm.whiteboard import BoardFullError, Slot, Whiteboard
-from llfsm.whiteboard.messages.llfsm import WILL_BELL, Bell, status_slot, will_slot
+from llfsm.whiteboard.messages.llfsm import WILL_BELL, Bell, SafeValue, status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for
 
@@ -210,6 +210,25 @@ def test_a_guard_that_dies_halfway_leaves_the_rest_to_others(
     guard.look()
     assert is_executed(board)
     assert (board[DRIVE].count, board[LAMP].count) == (before[0] + 1, before[1] + 1)
+
+
+def test_a_value_that_cannot_be_posted_yet_is_tried_again(
+    board: Whiteboard, runs: Runs, guard: Guard
+) -> None:
+    process = runs.start(once=True)
+    kill(process)
+    will = board.get_message(WILL)
+    late = Slot("late", Int32)
+    values = (*will.values, SafeValue(late.name, late.encoder.encode(Int32(1))))
+    board.add_message(WILL, msgspec.structs.replace(will, values=values))
+    guard.look()
+    assert board.get_message(DRIVE) == SAFE
+    assert not is_executed(board)  # there is no such slot
+    board.add_message(
+        late, Int32(7)
+    )  # by this process, as by the daemon that has mirrored the will
+    wait_for(lambda: is_executed(board), "the will is executed", between=rounds(guard))
+    assert board.get_message(late) == Int32(1)
 
 
 def fill(board: Whiteboard) -> None:

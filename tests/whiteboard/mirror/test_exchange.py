@@ -102,6 +102,15 @@ def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
     assert part.exchange.due_ns() is None
 
 
+def test_of_what_is_held_back_the_newest_enters_in_whatever_order_they_come() -> None:
+    part = Part()
+    for number, time in enumerate((1, 2, 9, 7, 8), 1):
+        part.exchange.receive_batch(batch(number, message=Number(time), time=10**12 + time))
+    part.now_ns += 10**9
+    part.exchange.enter_held()
+    assert part.get() == Number(9)
+
+
 def test_what_was_held_back_may_be_refused() -> None:
     part = Part()
     for number, message in enumerate((Number(1), Number(2), b"\xc1"), 1):

@@ -64,6 +64,14 @@ def test_a_host_takes_no_more_shared_memory_than_its_quota() -> None:
     assert len(part.board.slots()) == 3
 
 
+def test_a_quota_may_be_taken_to_the_last_byte() -> None:
+    slots = [of_capacity(number, 1000) for number in range(3)]
+    part = Part(quota={"bytes": 3 * footprint(Declaration("slot", 1000, slots[0].schema))})
+    for slot in slots:
+        declare(part, slot)
+    assert len(part.board.slots()) == 3
+
+
 def test_a_slot_that_cannot_be_made_is_tried_once_and_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

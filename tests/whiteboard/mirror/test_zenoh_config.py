@@ -28,6 +28,7 @@ def test_the_default_neither_accepts_nor_discovers_other_hosts(file: Path, named
     file.write_text("{ transport: { link: { tls: { enable_mtls: true } } } }")
     settings = Settings(zenoh=str(file) if named else None)
     assert endpoints(configure(settings, "peer"), "listen") == (DEFAULT_ENDPOINT,)
+    assert DEFAULT_ENDPOINT.startswith("tcp/127.0.0.1:")
     assert endpoints(configure(settings, "client"), "listen") == ()
     assert configured(settings, "scouting/multicast/enabled") is False
     assert configured(settings, "transport/link/tls/enable_mtls") is (True if named else None)
