@@ -72,14 +72,6 @@ class AskingOften(Patrol):
             self.after_ms(3)
 
 
-class WithInternal(Patrol):
-    """As Patrol, with one more section."""
-
-    @Patrol.wait.internal
-    def _(self) -> None:
-        pass
-
-
 def named(cls: type[Machine]) -> Callable[[], Machine]:
     return type(cls)("Patrol", (cls,), type(cls).__prepare__("Patrol", (cls,)))  # type: ignore
 
@@ -164,7 +156,6 @@ def test_what_the_machine_saw_is_shown() -> None:
     [
         (Patrol, {"all", "states", "posts"}),
         (Rewritten, {"states", "posts"}),
-        (WithInternal, {"states", "posts"}),
         (Renamed, {"posts"}),
         (OtherValue, set()),
         (Mute, set()),
