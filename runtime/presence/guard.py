@@ -29,7 +29,7 @@ from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
-from llfsm.whiteboard.liveness import host_name, identity, is_local, lives, program
+from llfsm.whiteboard.liveness import Program, host_name, identity, is_local, lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
 
 _LOOK_S = 0.05  # between two looks for new wills and silent processes; a death is seen at once
+_PROGRAM_S = 0.1  # between two looks whether a process executes another program
 _LIST_S = 1.0  # between two searches for wills that have rung no bell here: those of other hosts
 _OPEN_S = 0.3  # between two attempts to open a board that is not there
 
@@ -68,10 +69,13 @@ class _Death(NamedTuple):
 
 
 class _Process:
-    """A process that has left wills: many machines cost one descriptor, and one look."""
+    """A process that has left wills: many machines cost two descriptors, and one look."""
 
-    def __init__(self, pid: int, born: int, executes: int):
-        self.id = pid, born, executes
+    def __init__(self, id_: tuple[int, int, int], program: Program):
+        self.id = id_
+        pid, born, _ = id_
+        self._program = program
+        self._due_s = 0.0  # when to look next whether it executes another one
         self.wills = 0
         """How many of its wills are watched."""
         self.pidfd: int | None = None
@@ -81,13 +85,21 @@ class _Process:
         self.replaced = False
         """True if it executes another program now."""
 
-    def look(self) -> None:
+    def look(self, now_s: float) -> None:
         """Look up what no pidfd reports: another program; if there is none, a death, too."""
         pid, born, executes = self.id
         if self.pidfd is None:
             self.died = self.died or not lives(pid, born)
-        if executes and not self.died and program(pid) not in (0, executes):
-            self.died = self.replaced = lives(pid, born)
+        if executes and not self.died and now_s >= self._due_s:
+            self._due_s = now_s + _PROGRAM_S
+            if self._program.look() not in (0, executes):
+                self.died = self.replaced = lives(pid, born)
+
+    def close(self) -> None:
+        """Close its descriptors."""
+        self._program.close()
+        if self.pidfd is not None:
+            os.close(self.pidfd)
 
 
 class _Watched:
@@ -141,7 +153,7 @@ class Guard:
             self._own.look()
             self._strike_out()
         for process in self._processes.values():
-            process.look()
+            process.look(now_s)
         for watched in self._watched.values():
             self._read(watched)
             death = self._death(watched)
@@ -205,13 +217,16 @@ class Guard:
 
     def _open(self, will: LastWill) -> _Process:
         """Watch the will's process."""
-        key = will.pid, will.born, program(will.pid)
+        program = Program(will.pid)
+        key = will.pid, will.born, program.look()
         process = self._processes.get(key)
         if process is None:
-            process = self._processes[key] = _Process(*key)
+            process = self._processes[key] = _Process(key, program)
             if process.pidfd is not None:
                 self._by_pidfd[process.pidfd] = process
                 self._poll.register(process.pidfd, select.POLLIN)
+        else:
+            program.close()
         process.wills += 1
         return process
 
@@ -227,7 +242,7 @@ class Guard:
                 with suppress(KeyError):  # it has died
                     self._poll.unregister(process.pidfd)
                 del self._by_pidfd[process.pidfd]
-                os.close(process.pidfd)
+            process.close()
 
     def _death(self, watched: _Watched) -> _Death | None:
         """Find the reason for which the process counts as dead; None if it does not."""

@@ -210,7 +210,7 @@ def _is_by(latest: Sample[Any], will: LastWill) -> bool:
     """Check that a message is of the process that left the will, not of a later one."""
     if latest.writer != will.pid:
         return False
-    return is_alive(will, elsewhere=True) or not writer_lives(latest)
+    return is_alive(will, elsewhere=True) or not writer_lives(latest, surely=True)
 
 
 def _is_mirrored(board: Board, latest: Sample[Any], daemon: int) -> bool:

@@ -2,7 +2,8 @@
 
 A sample is the nanoseconds from the key that makes an edit to the end of the frame in which the
 browser has drawn it, with its arrows and labels, as the server has sent them. The browser draws
-without a graphics card here.
+without a graphics card here. How long that takes on this computer is shown by a script that copies
+the drawing and moves a box.
 """
 
 import argparse
@@ -109,6 +110,21 @@ class Editor:
         self.page.keyboard.press("Control+a")
         self.page.keyboard.insert_text(name)
 
+    def bare(self, times: int) -> None:
+        """Copy the drawing and move a box by a script that does nothing else, so many times."""
+        box = f"{_OF.format('S199')}.querySelector('.box')"
+        self.page.evaluate(f"""() => addEventListener("keydown", (event) => {{
+            if (event.key !== "F9") return;
+            const drawing = document.querySelector("#drawing svg"), copy = drawing.cloneNode(true);
+            drawing.after(copy);
+            copy.getBoundingClientRect();
+            copy.remove();
+            {box}.setAttribute("x", 1 + Number({box}.getAttribute("x")));
+        }})""")
+        for _ in range(times):
+            was = self.page.evaluate(f"{box}.getAttribute('x')")
+            self.sample("bare", "F9", f"{box}.getAttribute('x') !== {was!r}", self.to_drawing)
+
     def edit(self, times: int) -> None:
         """Make each kind of edit so many times."""
         place = f"{_OF.format('S100')}.querySelector('.box').getAttribute('x')"
@@ -164,6 +180,7 @@ def measure(times: int) -> dict[str, list[float]]:
                 assert box is not None
                 page.mouse.click(box["x"] + 3, box["y"] + 3)  # labels may cover the rest
                 editor = Editor(page)
+                editor.bare(times)
                 editor.edit(times)
                 browser.close()
             finally:

@@ -119,11 +119,12 @@ def _py_trees() -> AbstractContextManager[Subjects]:
     tree = py_trees.trees.BehaviourTree(leaf)
     tree.setup()
     ticks = counts(lambda: tree.count)
-    runs = lambda: leaf.stop(py_trees.common.Status.INVALID), lambda *_: is_running()
 
-    def is_running() -> bool:
-        return leaf.status is py_trees.common.Status.RUNNING
+    def status() -> py_trees.common.Status:
+        found, leaf.status = leaf.status, py_trees.common.Status.INVALID
+        return found
 
+    runs = status, lambda _, after: after is py_trees.common.Status.RUNNING
     return nullcontext(
         {
             "step": Subject("tree.tick()", {"tree": tree}, proof=ticks),

@@ -93,7 +93,7 @@ COMPARED: list[tuple[str, str, str, str, float | None]] = [
     ("get a Twist, a new one", "get news", "iceoryx2", "get news", 1.5),
     ("add a Twist", "add", "iceoryx2", "add", 4),
     ("build and add a Twist", "build and add", "iceoryx2", "build and add", None),
-    ("a ringlet that fires", "firing", "py_trees", "step", 9),
+    ("a ringlet that fires", "firing", "py_trees", "step", 6),
     ("a ringlet; they tick the leaf", "firing", "py_trees", "step of the leaf", None),
     ("a ringlet that fires", "firing", "transitions", "step", 20),
     ("a ringlet that fires", "firing", "python-statemachine", "step", 150),

@@ -276,7 +276,7 @@ def test_a_guard_that_is_to_wait_posts_nothing_before(board: Whiteboard, runs: R
     assert time.monotonic() - begin >= 0.3
 
 
-def test_many_machines_of_one_process_cost_one_descriptor(board: Whiteboard, guard: Guard) -> None:
+def test_many_machines_of_one_process_cost_two_descriptors(board: Whiteboard, guard: Guard) -> None:
     guard.look()
     before = len(os.listdir("/proc/self/fd"))
     will = left(board, os.getpid()).message
@@ -284,7 +284,7 @@ def test_many_machines_of_one_process_cost_one_descriptor(board: Whiteboard, gua
         board.add_message(will_slot(f"M{number}"), will)
     board.add_message(WILL_BELL, Bell())
     guard.look()
-    assert len(os.listdir("/proc/self/fd")) == before + 1
+    assert len(os.listdir("/proc/self/fd")) == before + 2
     withdrawn = msgspec.structs.replace(will, state="withdrawn")
     for number in range(50):
         board.add_message(will_slot(f"M{number}"), withdrawn)
