@@ -47,7 +47,6 @@ _WAYS = [
      "an answer of a machine, p50", "two C programs that wake each other"),
     ("the same, 99th percentile", "an answer of a machine, p99",
      "two C programs that wake each other"),
-    ("an add that wakes the daemon of the board", "  an add that wakes it", "without a daemon"),
 ]  # fmt: skip
 
 

@@ -168,12 +168,15 @@ def used(call: str, names: dict[str, object]) -> Subject:
 
 
 def spaced(names: dict[str, object]) -> Callable[[], float]:
-    """Return what times one add: before each, the daemon has had the time to fall asleep."""
+    """Return what times one add: before each, the daemon has had the time to fall asleep.
+
+    It sends every 5 ms at most, and sleeps then for want of anything to send.
+    """
     slot, message = names["slot"], names["message"]
     assert isinstance(slot, BoundSlot)
 
     def sample() -> float:
-        time.sleep(0.001)
+        time.sleep(0.012)
         begin_ns = time.perf_counter_ns()
         slot.add(message)
         return time.perf_counter_ns() - begin_ns

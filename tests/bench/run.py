@@ -305,10 +305,10 @@ def _mirror(pace: Pace) -> Iterator[Row]:
             sides = in_turns(meters, pace.samples)
             yield Row(f"{what} beside a daemon", sides, SLOWER, 1.1)
         meters = [
-            Meter(who, "slot.add(message), once a millisecond", mirror.spaced(names))
+            Meter(who, "slot.add(message), each 12 ms", mirror.spaced(names))
             for who, names in zip(("llfsm", "no daemon"), boards, strict=True)
         ]
-        yield Row("  an add that wakes it", in_turns(meters, pace.samples), MEDIANS, None)
+        yield Row("  an add that wakes it", in_turns(meters, pace.samples // 3), MEDIANS, None)
 
 
 def _times_kept(what: str, seconds: float) -> dict[str, float]:

@@ -6,14 +6,36 @@ A rule returns what breaks it, as texts that say where.
 from __future__ import annotations
 
 import ast
+import importlib.util
 import re
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 
 ROOT = Path(__file__).parents[2]
+
+
+@contextmanager
+def script(path: str) -> Iterator[ModuleType]:
+    """Import a script of .ci, by its path there, for a while."""
+    name, before = Path(path).stem, list(sys.path)
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / path)
+    assert spec
+    assert spec.loader
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    try:
+        yield module
+    finally:
+        del sys.modules[name]
+        sys.path[:] = before
+
+
 PACKAGES = ("whiteboard", "runtime", "bridges", "machines")
 PRODUCT = (*PACKAGES, "src/llfsm")
 CODE = {".py", ".pyi", ".c", ".cpp", ".h", ".js", ".css", ".html"}

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from .rules import ROOT
+from .rules import script
 
 CODE = '''
 class Oven:
@@ -42,15 +40,8 @@ class Oven:
 
 @pytest.fixture(scope="module")
 def changes() -> Iterator[ModuleType]:
-    spec = importlib.util.spec_from_file_location(
-        "changes", ROOT / ".ci" / "mutation" / "changes.py"
-    )
-    assert spec
-    assert spec.loader
-    module = sys.modules["changes"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["changes"]
+    with script("mutation/changes.py") as changes:
+        yield changes
 
 
 def product(changes: ModuleType, root: Path, path: str, code: str) -> list:  # type: ignore[type-arg]

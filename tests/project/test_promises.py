@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Iterator
 from types import ModuleType
 
 import pytest
 
-from .rules import ROOT
+from .rules import ROOT, script
 
 
 @pytest.fixture(scope="module")
 def promises() -> Iterator[ModuleType]:
-    path = list(sys.path)
-    spec = importlib.util.spec_from_file_location("promises", ROOT / ".ci" / "promises.py")
-    assert spec
-    assert spec.loader
-    module = sys.modules["promises"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["promises"]
-    sys.path[:] = path
+    with script("promises.py") as promises:
+        yield promises
 
 
 def test_what_survived_once_is_still_to_be_found(promises: ModuleType) -> None:
