@@ -88,6 +88,29 @@ def test_a_handle_of_a_former_name_is_empty_and_makes_its_slot_anew(board: White
     assert names(board) == ["name/3", "name/1", "name/2"]
 
 
+def test_a_handle_counts_what_others_add_to_its_name_in_other_room(board: Whiteboard) -> None:
+    old = board.publisher(numbered(1))
+    old.add(Int64(1))
+    board.vacate(numbered(1))
+    board.publisher(numbered(2)).add(Int64(2))  # takes its room
+    again = board.publisher(numbered(1))
+    for number in (1, 2):
+        again.add(Int64(number))
+        assert old.count == number
+
+
+def test_a_slot_whose_name_is_damaged_is_listed_with_its_problem(board: Whiteboard) -> None:
+    for number in (1, 2):
+        board.publisher(numbered(number)).add(Int64(number))
+    at = board.path.read_bytes().index(b"name/1")
+    with board.path.open("r+b") as damaged:
+        damaged.seek(at)
+        damaged.write(b"same/1")
+    first, second = board.slots()
+    assert "damaged" in first.problem
+    assert (second.name, second.problem) == ("name/2", "")
+
+
 def test_the_living_are_those_that_nobody_has_given_up(board: Whiteboard) -> None:
     for number in (1, 2):
         board.publisher(numbered(number)).add(Int64(number))
