@@ -367,7 +367,7 @@ class FleetTable:
 
 
 def hearing(rows: Sequence[HostRow]) -> dict[str, dict[str, HostHeard]]:
-    """Return what each host hears of which others, by their names, from their summaries.
+    """Map each host to the others that it hears, by their names, from their summaries.
 
     A host without a summary is left out; one that has no name for others has that of its network.
     """
