@@ -57,7 +57,6 @@ _ANY_SLOT = secrets.token_hex()  # which stands for those that nobody has made y
 _EARLY_NS = 5_000_000  # by which a message may pass before its time, for jitter
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
-_MAX_ENDED = 4096  # names that were given up, for as long as an answer may be under way
 _MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
 _BYTES_OF_TIME = 64  # of a declaration cost as much time as a message, at least
 _MAX_REASON = 1000  # characters kept of why a slot cannot be used
@@ -210,8 +209,6 @@ class Arrivals:
         self._is_renaming = bool(self.routes.naming.host)
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
-        self._ended: dict[str, Version] = {}
-        """Names that were given up elsewhere: an answer to a query may pass the report."""
         self._busy_ns: float = 0  # the time until which an arriving message may be held back
         self.unknown: set[str] = set()
         """Slots whose type at a sender has to be queried."""
@@ -256,11 +253,10 @@ class Arrivals:
     def _add(
         self, source: Source, value: Value, declaration: Declaration | None, now_ns: int
     ) -> None:
-        if value.slot in self._ended:
-            if value.version <= self._ended[value.slot]:
-                self.conflicts += 1
-                return
-            del self._ended[value.slot]
+        end = self._store.ended.get(value.slot)
+        if end is not None and value.version <= end:
+            self.conflicts += 1
+            return
         route = self.routes.known.get(value.slot)
         if route is None or route.cell.kind != value.kind or not route.enters:
             route = self._find_route(source, value, declaration)
@@ -276,9 +272,7 @@ class Arrivals:
         name = value.slot
         if not (self.routes.enters(name) and self._is_timely(source, value)):
             return
-        self._ended[name] = max(value.version, self._ended.pop(name, value.version))
-        if len(self._ended) > _MAX_ENDED:
-            del self._ended[next(iter(self._ended))]
+        self._store.note_end(name, value.version)
         held = self._held.get(name)
         if held is not None and held.value.version <= value.version:
             del self._held[name]  # it would take the name back

@@ -52,6 +52,8 @@ from llfsm.whiteboard.mirror.stand_ins import stand_ins, version_below
 from llfsm.whiteboard.schema import differences
 from llfsm.whiteboard.slots import Slot
 
+_MAX_ENDED = 4096  # names that were given up
+
 
 class Outcome(Enum):
     """The fate of another host's message: it is on the board now, was there before, or is older."""
@@ -101,6 +103,8 @@ class Store:
         """Slots in which a message of this host was found, in that order; cleared by the caller."""
         self.standing_in: dict[str, Cell] = {}
         """The slots whose latest message stands in for one of another host, until that is heard."""
+        self.ended: dict[str, Version] = {}
+        """Names that were given up elsewhere: what is added later is newer, whatever the clocks."""
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
         self._pending: list[tuple[str, int, int, Version]] = []
@@ -120,6 +124,12 @@ class Store:
             except (SlotError, MessageTypeError) as error:  # some process has written nonsense
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
+
+    def note_end(self, name: str, version: Version) -> None:
+        """Keep the version of a name's end, as an older message may still be on its way."""
+        self.ended[name] = max(version, self.ended.pop(name, version))
+        if len(self.ended) > _MAX_ENDED:
+            del self.ended[next(iter(self.ended))]
 
     def forget(self, names: Iterable[str]) -> None:
         """Forget slots whose names were given up."""
@@ -161,6 +171,7 @@ class Store:
             self.standing_in.pop(name, None)
         if before is None:
             known, before = self.versions.recall(name, count, writer)
+            before = before or self.ended.get(name)
             known = known if self._is_credible(known) else None
         elif count == cell.count and self._is_credible(before):
             return before

@@ -149,6 +149,20 @@ def test_a_message_that_the_report_has_passed_does_not_take_the_name_back(tmp_pa
         assert theirs.get() == Number(2)
 
 
+def test_what_is_added_after_an_end_is_newer_whatever_the_clocks(tmp_path: Path) -> None:
+    with parts(tmp_path) as (_, theirs):
+        theirs.board.add_message(NUMBER, Number(1))
+        (data,) = theirs.collect()
+        before = decoder(Batch).decode(data).values[0].version
+        end = Version(before.time + 10**10, 5)  # of a host whose clock is ahead
+        ended = Batch(5, 1, 1, end.time, (Value("number", 0, end, b""),))
+        theirs.exchange.receive_batch(msgspec.msgpack.encode(ended))
+        assert theirs.living() == set()
+        theirs.board.add_message(NUMBER, Number(2))
+        (data,) = theirs.collect()
+        assert decoder(Batch).decode(data).values[0].version > end
+
+
 def test_a_message_that_is_held_back_does_not_take_the_name_back(tmp_path: Path) -> None:
     with parts(tmp_path) as (_, theirs):
         for number, payload in enumerate((Number(1), Number(2), Number(3), Number(4), b""), 1):
