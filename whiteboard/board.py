@@ -237,7 +237,7 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
         return bound
 
     def present(self, slot: Slot[Any], bind: Callable[[], BoundSlot[Any]]) -> BoundSlot[Any]:
-        """Return what `bind` returned for a slot of this name and type first."""
+        """Bind a slot of this name and type by `bind`, unless that was done before."""
         alike = slot.name, slot.type
         bound = self._present.get(alike)
         if bound is None:

@@ -88,7 +88,7 @@ def _look_up(pid: int) -> int:
 
 
 class Program:
-    """What changes when a process executes another program: where its stack begins.
+    """The place where a process's stack begins: it changes when it executes another program.
 
     The file in which the system says it stays open, as opening it costs most of a look. It is that
     of this process only, also when another one has its id.
@@ -123,7 +123,7 @@ def _fields(pid: int) -> list[bytes]:
 
 
 def _parsed(stat: bytes) -> list[bytes]:
-    """Return what the system says of a process, from the third field on: its state.
+    """Split the system's line about a process, from the third field on: its state.
 
     The start time is the 22nd, the start of the stack the 28th; all are 0 if it does not run.
     """

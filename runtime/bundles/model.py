@@ -77,7 +77,7 @@ class BundleState:
         return self.final and not self.transitions
 
     def run_texts(self, folder: Path | None) -> list[Fragment]:
-        """Return what it runs, each as a text of the bundle's file, on its line of that."""
+        """List its machines, each as a text of the bundle's file, on its line of that."""
         file = None if folder is None else folder / f"State_{self.name}_{RUNS}"
         return [Fragment("\n" * line + text, file) for line, text in enumerate(self.runs)]
 

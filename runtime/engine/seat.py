@@ -231,7 +231,7 @@ class Seat(SeatFields):
 
     @property
     def waits_for(self) -> str:
-        """What the machine waits for in its state, in words; "" if it is polled, or not known."""
+        """Describe its wait in its state, in words; "" if it is polled, or not known."""
         waiting = self.current.waiting
         is_known = waiting is not None and self.current is self.previous and not waiting.polls
         return waiting.text if is_known and waiting is not None else ""

@@ -96,7 +96,7 @@ class Waiting(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What it waits for, in words, as "battery or 3.2 s"; "" if that is requests alone."""
+        """Describe its wait in words, as "battery or 3.2 s"; "" if that is requests alone."""
         awaited = sorted(self.sensors)
         awaited += ["the end of what it runs"] * self.ends
         awaited += [f"the status of {name}" for name in sorted(self.machines)]

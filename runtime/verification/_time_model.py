@@ -59,7 +59,7 @@ class TimeModel(Protocol):
 
     @property
     def not_covered(self) -> str:
-        """What runs with this schedule may do that is not explored; "" if there is nothing."""
+        """Describe runs with this schedule that are not explored; "" if there are none."""
 
     def most(self, limits: Limits) -> int:
         """Return the largest number for the time in a state with these limits."""

@@ -98,7 +98,7 @@ class Space:
         self.schedule = system.time_model.schedule
         """The schedule of the runs that were explored, in words."""
         self.not_covered = system.time_model.not_covered
-        """What runs with this schedule may do that was not explored; "" if there is nothing."""
+        """Describe runs with this schedule that were not explored; "" if there are none."""
         self.timetable = timetable_of(system.time_model)
         """When each machine has its turns; None without a timetable."""
         self.members = members

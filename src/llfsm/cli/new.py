@@ -224,7 +224,7 @@ class {name}(Machine):
     # variables and sensors and changes nothing.
     @COUNT.to(END)
     def stopped(self) -> bool:
-        """Return whether the machine was asked to end, as by Ctrl-C."""
+        """True if the machine was asked to end, as by Ctrl-C."""
         return self.stopping
 
     COUNT.to(END, after_ms=1000)

@@ -389,7 +389,7 @@ class VerifiedMachines:
     def __init__(self, machines: Sequence[str], asked: Verification, table: Path | None = None):
         resolved = parse_arguments(machines, table)
         self.assumed = tuple(assumed_of(resolved.plan))
-        """What is assumed because of options of a file, in words."""
+        """Describe the assumptions because of options of a file."""
         files = [Path(text) for text in machines if text.endswith(_FILE)]
         self.folder = files[0].absolute().parent if files else Path.cwd()
         self._folders = [self.folder, Path()]
